@@ -1,0 +1,1 @@
+"""The BNO055: its offsets and their file, its mounting, its errors."""

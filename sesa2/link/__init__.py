@@ -1,0 +1,1 @@
+"""The board link: packets, serial port, board clock and a virtual board."""

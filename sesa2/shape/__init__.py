@@ -1,0 +1,1 @@
+"""Shape of the arm from orientations: arrays in, arrays out, numpy only."""

@@ -1,0 +1,40 @@
+"""Packaging of sesa2, for pip and for colcon (ament_python)."""
+
+from glob import glob
+
+from setuptools import find_packages, setup
+
+ROS = ['ros-jazzy-rclpy[fastrtps]', 'ros-jazzy-common-interfaces', 'ros-sesa2-msgs']
+
+setup(
+    name='sesa2',
+    version='0.1.0',
+    description='Proprioception for soft continuum arms from inertial sensors',
+    license='Apache-2.0',
+    maintainer='sesa2 maintainers',
+    maintainer_email='maintainers@example.com',
+    packages=find_packages(include=['sesa2', 'sesa2.*']),
+    python_requires='>=3.10',
+    zip_safe=True,
+    install_requires=[
+        'setuptools',
+        'numpy>=1.26',
+        'pyserial>=3.5',
+        'cobs>=1.2',
+        'PyYAML>=6.0',
+        'rosbags>=0.10',
+        'mcap>=1.2',
+    ],
+    extras_require={
+        'ros': ROS,
+        'test': ['pytest>=8', 'hypothesis>=6.100', 'scipy>=1.11'],
+        'lint': ['ruff>=0.8', 'mypy>=1.13', 'import-linter>=2.1', 'types-PyYAML', 'types-pyserial'],
+    },
+    data_files=[
+        ('share/ament_index/resource_index/packages', ['resource/sesa2']),
+        ('share/sesa2', ['package.xml']),
+        ('share/sesa2/config', glob('config/*')),
+        ('lib/sesa2', glob('scripts/*')),
+    ],
+    entry_points={'console_scripts': ['sesa2 = sesa2.cli:main']},
+)
