@@ -16,9 +16,12 @@ class GeometryError(Sesa2Error):
 class Arm:
     """An arm clamped at its base, arc length 0.
 
-    Attributes:
-        length: arc length of the tip, m.
-        imu_positions: arc lengths of the IMUs, m, strictly increasing in (0, length].
+    Attributes
+    ----------
+    length
+        arc length of the tip, m.
+    imu_positions
+        arc lengths of the IMUs, m, strictly increasing in (0, length].
     """
 
     length: float
@@ -48,11 +51,15 @@ class Arm:
     def check_on_arm(self, s: FloatArray) -> None:
         """Refuse arc lengths that are not on the arm.
 
-        Args:
-            s: (n,), m.
+        Parameters
+        ----------
+        s : (n,)
+            m.
 
-        Raises:
-            GeometryError: one is negative, beyond the tip or not a number.
+        Raises
+        ------
+        GeometryError
+            one is negative, beyond the tip or not a number.
         """
         outside = ~((s >= 0.0) & (s <= self.length * (1.0 + 1e-12)))
         if outside.any():

@@ -22,8 +22,10 @@ class Curve(Backbone):
 class CurveModel(Model):
     """A model whose backbone is a curve.
 
-    Attributes:
-        link_middles: (n_links,), arc lengths at which the links take their orientation, m.
+    Attributes
+    ----------
+    link_middles : (n_links,)
+        arc lengths at which the links take their orientation, m.
     """
 
     def __init__(self, arm: Arm, links: int = 64):

@@ -7,7 +7,7 @@ import numpy as np
 from sesa2.shape.model import with_base
 from sesa2.shape.rotations import FloatArray, conjugate, multiply
 
-# Beyond this |z| the joints come near their singularity at 90°, and the user is warned (design: conventions of joint states).
+# The joints are singular at |z| = 90°; beyond this the user is warned.
 WARN_ANGLE = np.deg2rad(80.0)
 _SINGULAR_COSINE = 1e-9
 
@@ -15,9 +15,12 @@ _SINGULAR_COSINE = 1e-9
 class JointAngles(NamedTuple):
     """Angles of the joints.
 
-    Attributes:
-        angles: batch + (n_links, 3), rad, in the order x, z, y.
-        singular: batch + (n_links,), true where x and y turn about the same axis and only their sum or difference is known.
+    Attributes
+    ----------
+    angles : batch + (n_links, 3)
+        rad, in the order x, z, y.
+    singular : batch + (n_links,)
+        true where x and y turn about the same axis and only their sum or difference is known.
     """
 
     angles: FloatArray
@@ -27,15 +30,19 @@ class JointAngles(NamedTuple):
 def joint_angles(link_orientations: FloatArray, base: FloatArray) -> JointAngles:
     """Split each link's rotation against its predecessor into R = Rx(a) Rz(c) Ry(b).
 
-    With R written out, R₀₁ = −sin c, b = atan2(R₀₂, R₀₀) and a = atan2(R₂₁, R₁₁). Where |c| is 90° a is put to 0 and b takes
-    the whole; `hold_x` then brings back the x that was.
+    With R written out, R₀₁ = −sin c, b = atan2(R₀₂, R₀₀) and a = atan2(R₂₁, R₁₁). Where |c| is 90°, a is put to 0 and
+    b takes the whole; `hold_x` then brings back the x that was.
 
-    Args:
-        link_orientations: batch + (n_links, 4), q_WL, x y z w.
-        base: (4,) or batch + (4,), q_WB.
+    Parameters
+    ----------
+    link_orientations : batch + (n_links, 4)
+        q_WL, x y z w.
+    base : (4,)
+        or batch + (4,), q_WB.
 
-    Returns:
-        The angles.
+    Returns
+    -------
+    The angles.
     """
     chain = with_base(link_orientations, base)
     relative = multiply(conjugate(chain[..., :-1, :]), link_orientations)
@@ -51,7 +58,7 @@ def joint_angles(link_orientations: FloatArray, base: FloatArray) -> JointAngles
     angles[..., 2] = np.arctan2(r02, r00)
     singular = cosine < _SINGULAR_COSINE
     if singular.any():
-        # Rx(a) Rz(±90°) Ry(b) depends on b ± a alone: R₂₀ = ∓sin-like, R₂₂ = cos-like with a = 0.
+        # With a = 0 the last row of Rz(c) Ry(b) is (−sin b, 0, cos b).
         r20, r22 = 2.0 * (x * z - w * y), 1.0 - 2.0 * (xx + yy)
         angles[singular, 0] = 0.0
         angles[singular, 2] = np.arctan2(-r20, r22)[singular]
@@ -61,12 +68,16 @@ def joint_angles(link_orientations: FloatArray, base: FloatArray) -> JointAngles
 def hold_x(joints: JointAngles, previous: FloatArray) -> FloatArray:
     """Give singular joints the x angle that they had, and y what is left over.
 
-    Args:
-        joints: of one instant, (n_links, 3).
-        previous: (n_links, 3), angles of the instant before, rad.
+    Parameters
+    ----------
+    joints
+        of one instant, (n_links, 3).
+    previous : (n_links, 3)
+        angles of the instant before, rad.
 
-    Returns:
-        (n_links, 3), rad; the same rotation, without a jump in x.
+    Returns
+    -------
+    (n_links, 3), rad; the same rotation, without a jump in x.
     """
     angles = joints.angles
     if not joints.singular.any():
@@ -74,21 +85,25 @@ def hold_x(joints: JointAngles, previous: FloatArray) -> FloatArray:
     angles = angles.copy()
     at = joints.singular
     kept = previous[at, 0]
-    # With c = +90°, Rx(a) Rz(c) Ry(b) = Rz(c) Ry(a + b); with −90°, Rz(c) Ry(b − a).
+    # With c = +90°, Rx(a) Rz(c) Ry(b) = Rz(c) Ry(b − a); with −90° it is Rz(c) Ry(b + a).
     angles[at, 0] = kept
-    angles[at, 2] = _wrap(angles[at, 2] - np.sign(angles[at, 1]) * kept)
+    angles[at, 2] = _wrap(angles[at, 2] + np.sign(angles[at, 1]) * kept)
     return angles
 
 
 def link_orientations(angles: FloatArray, base: FloatArray) -> FloatArray:
     """Follow the joints from the base to the tip: the inverse of `joint_angles`.
 
-    Args:
-        angles: (n_links, 3), rad, in the order x, z, y.
-        base: (4,), q_WB, x y z w.
+    Parameters
+    ----------
+    angles : (n_links, 3)
+        rad, in the order x, z, y.
+    base : (4,)
+        q_WB, x y z w.
 
-    Returns:
-        (n_links, 4), q_WL, x y z w.
+    Returns
+    -------
+    (n_links, 4), q_WL, x y z w.
     """
     half = 0.5 * angles
     zero = np.zeros(len(angles))

@@ -14,14 +14,20 @@ def fill_missing(orientations: FloatArray, measured: np.ndarray, arm: Arm, base:
 
     The base counts as there; beyond the last IMU that is there its orientation is held.
 
-    Args:
-        orientations: batch + (n_imu, 4), q_WL, x y z w; what stands at a missing IMU is not looked at.
-        measured: batch + (n_imu,), true where the IMU has measured.
-        arm: the arm.
-        base: (4,) or batch + (4,), q_WB.
+    Parameters
+    ----------
+    orientations : batch + (n_imu, 4)
+        q_WL, x y z w; what stands at a missing IMU is not looked at.
+    measured : batch + (n_imu,)
+        true where the IMU has measured.
+    arm
+        the arm.
+    base : (4,)
+        or batch + (4,), q_WB.
 
-    Returns:
-        batch + (n_imu, 4); the input itself where nothing is missing.
+    Returns
+    -------
+    batch + (n_imu, 4); the input itself where nothing is missing.
     """
     if measured.all():
         return orientations

@@ -14,8 +14,8 @@ from sesa2.shape.rotations import IDENTITY, FloatArray
 class Backbone(ABC):
     """The arm's centre line, fitted to one set of orientations or to a batch of them.
 
-    Positions are in world axes with their origin at the base, m; orientations are q_WL, x y z w. `batch` below is whatever
-    leading shape the orientations had.
+    Positions are in world axes with their origin at the base, m; orientations are q_WL, x y z w. `batch` below is
+    whatever leading shape the orientations had.
     """
 
     @property
@@ -27,38 +27,52 @@ class Backbone(ABC):
     def positions(self, s: ArrayLike) -> FloatArray:
         """Points of the backbone.
 
-        Args:
-            s: (n,), arc lengths from the base, m.
+        Parameters
+        ----------
+        s : (n,)
+            arc lengths from the base, m.
 
-        Returns:
-            batch + (n, 3), m.
+        Returns
+        -------
+        batch + (n, 3), m.
 
-        Raises:
-            GeometryError: an arc length is not on the arm.
+        Raises
+        ------
+        GeometryError
+            an arc length is not on the arm.
         """
 
     @abstractmethod
     def orientations(self, s: ArrayLike) -> FloatArray:
         """Orientations of the cross-sections.
 
-        Args:
-            s: (n,), arc lengths from the base, m.
+        Parameters
+        ----------
+        s : (n,)
+            arc lengths from the base, m.
 
-        Returns:
-            batch + (n, 4), q_WL, x y z w.
+        Returns
+        -------
+        batch + (n, 4), q_WL, x y z w.
 
-        Raises:
-            GeometryError: an arc length is not on the arm.
+        Raises
+        ------
+        GeometryError
+            an arc length is not on the arm.
         """
 
 
 class Model(ABC):
     """A shape model bound to an arm. What does not depend on the measurement is computed once, here.
 
-    Attributes:
-        name: of the model, in the configuration and on the ROS graph.
-        arm: the arm.
-        link_ends: (n_links + 1,), arc lengths at which the links begin and end, base to tip, m.
+    Attributes
+    ----------
+    name
+        of the model, in the configuration and on the ROS graph.
+    arm
+        the arm.
+    link_ends : (n_links + 1,)
+        arc lengths at which the links begin and end, base to tip, m.
     """
 
     name: ClassVar[str]
@@ -76,20 +90,28 @@ class Model(ABC):
     def fit(self, orientations: ArrayLike, base: ArrayLike = IDENTITY) -> Backbone:
         """Fit the backbone to measured orientations.
 
-        Args:
-            orientations: batch + (n_imu, 4), q_WL at the IMUs, x y z w, unit norm, any signs.
-            base: (4,) or batch + (4,), q_WB, x y z w.
+        Parameters
+        ----------
+        orientations : batch + (n_imu, 4)
+            q_WL at the IMUs, x y z w, unit norm, any signs.
+        base : (4,)
+            or batch + (4,), q_WB, x y z w.
 
-        Returns:
-            The backbone.
+        Returns
+        -------
+        The backbone.
 
-        Raises:
-            GeometryError: the last two axes are not (n_imu, 4).
+        Raises
+        ------
+        GeometryError
+            the last two axes are not (n_imu, 4).
         """
         orientations, base = np.asarray(orientations, dtype=float), np.asarray(base, dtype=float)
         expected = (len(self.arm.imu_positions), 4)
         if orientations.shape[-2:] != expected:
-            raise GeometryError(f'orientations of shape {orientations.shape}, expected (..., {expected[0]}, 4)')
+            raise GeometryError(
+                f'orientations of shape {orientations.shape}, expected (..., {expected[0]}, 4)'
+            )
         return self._fit(orientations, base)
 
     @abstractmethod
@@ -106,12 +128,16 @@ class Model(ABC):
 def with_base(orientations: FloatArray, base: FloatArray) -> FloatArray:
     """Put the base's orientation before those of the IMUs.
 
-    Args:
-        orientations: batch + (n_imu, 4).
-        base: (4,) or batch + (4,).
+    Parameters
+    ----------
+    orientations : batch + (n_imu, 4)
+        .
+    base : (4,)
+        or batch + (4,).
 
-    Returns:
-        batch + (n_imu + 1, 4).
+    Returns
+    -------
+    batch + (n_imu + 1, 4).
     """
     *batch, n, _ = orientations.shape
     stations = np.empty((*batch, n + 1, 4))

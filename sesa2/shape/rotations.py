@@ -1,7 +1,7 @@
 """Unit quaternions, batched.
 
-Every quaternion is an array of shape (..., 4) in the order x, y, z, w; leading axes broadcast. `q_AB` rotates components in
-frame B into components in frame A, so that `q_AC = multiply(q_AB, q_BC)` and `v_A = rotate(q_AB, v_B)`.
+Every quaternion is an array of shape (..., 4) in the order x, y, z, w; leading axes broadcast. `q_AB` rotates
+components in frame B into components in frame A, so that `q_AC = multiply(q_AB, q_BC)` and `v_A = rotate(q_AB, v_B)`.
 Rotation vectors are axis times angle, rad, shape (..., 3).
 """
 
@@ -20,11 +20,14 @@ SMALL_ANGLE = 1e-3
 def normalize(q: ArrayLike) -> FloatArray:
     """Scale quaternions to unit norm.
 
-    Args:
-        q: (..., 4), x y z w, norm not zero.
+    Parameters
+    ----------
+    q : (..., 4)
+        x y z w, norm not zero.
 
-    Returns:
-        (..., 4), unit quaternions.
+    Returns
+    -------
+    (..., 4), unit quaternions.
     """
     q = np.asarray(q, dtype=float)
     return q / np.sqrt(np.einsum('...i,...i->...', q, q))[..., None]
@@ -33,11 +36,14 @@ def normalize(q: ArrayLike) -> FloatArray:
 def multiply(p: ArrayLike, q: ArrayLike) -> FloatArray:
     """Hamilton product p ⊗ q: the rotation q followed by p.
 
-    Args:
-        p, q: (..., 4), x y z w.
+    Parameters
+    ----------
+    p, q : (..., 4)
+        x y z w.
 
-    Returns:
-        (..., 4), p ⊗ q.
+    Returns
+    -------
+    (..., 4), p ⊗ q.
     """
     p, q = np.asarray(p, dtype=float), np.asarray(q, dtype=float)
     px, py, pz, pw = p[..., 0], p[..., 1], p[..., 2], p[..., 3]
@@ -59,12 +65,16 @@ def conjugate(q: ArrayLike) -> FloatArray:
 def rotate(q: ArrayLike, v: ArrayLike) -> FloatArray:
     """Rotate vectors.
 
-    Args:
-        q: (..., 4), unit quaternions q_AB, x y z w.
-        v: (..., 3), components in B.
+    Parameters
+    ----------
+    q : (..., 4)
+        unit quaternions q_AB, x y z w.
+    v : (..., 3)
+        components in B.
 
-    Returns:
-        (..., 3), components in A.
+    Returns
+    -------
+    (..., 3), components in A.
     """
     q, v = np.asarray(q, dtype=float), np.asarray(v, dtype=float)
     u, w = q[..., :3], q[..., 3:]
@@ -75,11 +85,14 @@ def rotate(q: ArrayLike, v: ArrayLike) -> FloatArray:
 def tangent(q: ArrayLike) -> FloatArray:
     """Image of the z axis, the direction in which a link points: third column of the rotation matrix.
 
-    Args:
-        q: (..., 4), unit quaternions, x y z w.
+    Parameters
+    ----------
+    q : (..., 4)
+        unit quaternions, x y z w.
 
-    Returns:
-        (..., 3), unit vectors.
+    Returns
+    -------
+    (..., 3), unit vectors.
     """
     q = np.asarray(q, dtype=float)
     x, y, z, w = q[..., 0], q[..., 1], q[..., 2], q[..., 3]
@@ -93,11 +106,14 @@ def tangent(q: ArrayLike) -> FloatArray:
 def from_rotation_vector(v: ArrayLike) -> FloatArray:
     """Exponential map.
 
-    Args:
-        v: (..., 3), rotation vectors, rad.
+    Parameters
+    ----------
+    v : (..., 3)
+        rotation vectors, rad.
 
-    Returns:
-        (..., 4), unit quaternions, x y z w.
+    Returns
+    -------
+    (..., 4), unit quaternions, x y z w.
     """
     v = np.asarray(v, dtype=float)
     angle2 = np.einsum('...i,...i->...', v, v)
@@ -114,11 +130,14 @@ def from_rotation_vector(v: ArrayLike) -> FloatArray:
 def to_rotation_vector(q: ArrayLike) -> FloatArray:
     """Logarithm: the shortest rotation vector, so that q and −q give the same.
 
-    Args:
-        q: (..., 4), unit quaternions, x y z w.
+    Parameters
+    ----------
+    q : (..., 4)
+        unit quaternions, x y z w.
 
-    Returns:
-        (..., 3), rotation vectors, rad, length at most π. At π exactly the sign of the axis is arbitrary.
+    Returns
+    -------
+    (..., 3), rotation vectors, rad, length at most π. At π exactly the sign of the axis is arbitrary.
     """
     q = np.asarray(q, dtype=float)
     q = np.where(q[..., 3:] < 0.0, -q, q)
@@ -132,15 +151,19 @@ def to_rotation_vector(q: ArrayLike) -> FloatArray:
 def slerp(a: ArrayLike, b: ArrayLike, t: ArrayLike) -> FloatArray:
     """Spherical linear interpolation, the short way.
 
-    Paper eq. 4 and thesis eq. 3.12 leave out the choice between b and −b; without it random signs bend the arm the long way
-    round (errata).
+    Paper eq. 4 and thesis eq. 3.12 leave out the choice between b and −b; without it random signs bend the arm the
+    long way round.
 
-    Args:
-        a, b: (..., 4), unit quaternions, x y z w.
-        t: (...), 0 gives a, 1 gives b; broadcasts against the leading axes of a and b.
+    Parameters
+    ----------
+    a, b : (..., 4)
+        unit quaternions, x y z w.
+    t : (...)
+        0 gives a, 1 gives b; broadcasts against the leading axes of a and b.
 
-    Returns:
-        (..., 4), unit quaternions. Where a and b are exactly π apart, one of the two ways.
+    Returns
+    -------
+    (..., 4), unit quaternions. Where a and b are exactly π apart, one of the two ways.
     """
     a, b, t = np.asarray(a, dtype=float), np.asarray(b, dtype=float), np.asarray(t, dtype=float)
     b = np.where(np.einsum('...i,...i->...', a, b)[..., None] < 0.0, -b, b)
@@ -159,11 +182,14 @@ def slerp(a: ArrayLike, b: ArrayLike, t: ArrayLike) -> FloatArray:
 def swing(a: ArrayLike, b: ArrayLike) -> FloatArray:
     """Least rotation that takes one direction onto another.
 
-    Args:
-        a, b: (..., 3), unit vectors in the same frame.
+    Parameters
+    ----------
+    a, b : (..., 3)
+        unit vectors in the same frame.
 
-    Returns:
-        (..., 4), unit quaternions q with rotate(q, a) = b. Opposite vectors turn about some perpendicular axis.
+    Returns
+    -------
+    (..., 4), unit quaternions q with rotate(q, a) = b. Opposite vectors turn about some perpendicular axis.
     """
     a, b = np.broadcast_arrays(np.asarray(a, dtype=float), np.asarray(b, dtype=float))
     out = np.empty((*a.shape[:-1], 4))

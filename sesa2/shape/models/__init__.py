@@ -23,16 +23,23 @@ MODELS: dict[str, type[Model]] = _registered()
 def create_model(name: str, arm: Arm, **options: Any) -> Model:
     """Make a model by name.
 
-    Args:
-        name: a key of MODELS.
-        arm: the arm.
-        options: the model's own, as its class lists them.
+    Parameters
+    ----------
+    name
+        a key of MODELS.
+    arm
+        the arm.
+    options
+        the model's own, as its class lists them.
 
-    Returns:
-        The model, ready to fit.
+    Returns
+    -------
+    The model, ready to fit.
 
-    Raises:
-        GeometryError: no such model, or its options do not fit the arm.
+    Raises
+    ------
+    GeometryError
+        no such model, or its options do not fit the arm.
     """
     if name not in MODELS:
         raise GeometryError(f'model {name!r} is not known, expected one of {", ".join(MODELS)}')

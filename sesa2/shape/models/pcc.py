@@ -13,11 +13,15 @@ from sesa2.shape.rotations import FloatArray, slerp
 class Pcc(ChainModel):
     """Each section between stations (the base, then the IMUs) as straight links of equal length.
 
-    Link k of the n of a section is oriented as slerp at (2k + 1) / 2n (eq. 3). Past the last IMU one more link goes straight on.
+    Link k of the n of a section is oriented as slerp at (2k + 1) / 2n (eq. 3). Past the last IMU one more link goes
+    straight on.
 
-    Args:
-        arm: the arm.
-        segments: links of each section, one number per IMU, each at least 1.
+    Parameters
+    ----------
+    arm
+        the arm.
+    segments
+        links of each section, one number per IMU, each at least 1.
     """
 
     name = 'pcc'

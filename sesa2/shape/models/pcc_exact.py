@@ -20,19 +20,26 @@ from sesa2.shape.rotations import (
 def arc(rotation: FloatArray, start: FloatArray) -> FloatArray:
     """Displacement along an arc of unit length whose cross-section turns at a constant rate.
 
-    The corrected thesis eq. 3.8 (errata): V(w) t₀ with V(w) = I + (1 − cos θ)/θ² [w]ₓ + (θ − sin θ)/θ³ [w]ₓ², θ = |w|. It is the
-    integral of exp(τ [w]ₓ) t₀ over τ from 0 to 1, twist included.
+    Thesis eq. 3.8, corrected: V(w) t₀ with V(w) = I + (1 − cos θ)/θ² [w]ₓ + (θ − sin θ)/θ³ [w]ₓ² and θ = |w|. It is
+    the integral of exp(τ [w]ₓ) t₀ over τ from 0 to 1, twist included. As printed, 3.8 holds for pure tangent
+    quaternions only and not for attitudes.
 
-    Args:
-        rotation: (..., 3), w, the rotation from start to end in world axes, rad.
-        start: (..., 3), t₀, the unit tangent at the start.
+    Parameters
+    ----------
+    rotation : (..., 3)
+        w, the rotation from start to end in world axes, rad.
+    start : (..., 3)
+        t₀, the unit tangent at the start.
 
-    Returns:
-        (..., 3), displacement per length.
+    Returns
+    -------
+    (..., 3), displacement per length.
     """
     angle2 = np.einsum('...i,...i->...', rotation, rotation)
     angle = np.sqrt(angle2)
-    small = angle < 10.0 * SMALL_ANGLE  # cancellation in θ − sin θ begins early; the series' next terms are below 1e-15
+    small = (
+        angle < 10.0 * SMALL_ANGLE
+    )  # cancellation in θ − sin θ begins early; the series' next terms are below 1e-15
     safe = np.where(small, 1.0, angle)
     first = np.where(small, 0.5 - angle2 / 24.0 + angle2**2 / 720.0, (1.0 - np.cos(safe)) / safe**2)
     second = np.where(small, 1.0 / 6.0 - angle2 / 120.0 + angle2**2 / 5040.0, (safe - np.sin(safe)) / safe**3)
@@ -64,15 +71,20 @@ class Arcs(Curve):
     def orientations(self, s: ArrayLike) -> FloatArray:
         """See Backbone. Slerp from station to station."""
         section, fraction, _, _ = self._model.at(s)
-        return slerp(self._stations.take(section, axis=-2), self._stations.take(section + 1, axis=-2), fraction)
+        return slerp(
+            self._stations.take(section, axis=-2), self._stations.take(section + 1, axis=-2), fraction
+        )
 
 
 class PccExact(CurveModel):
     """Constant curvature (and twist) from station to station.
 
-    Args:
-        arm: the arm.
-        links: number of links that stand for it on the ROS graph.
+    Parameters
+    ----------
+    arm
+        the arm.
+    links
+        number of links that stand for it on the ROS graph.
     """
 
     name = 'pcc_exact'

@@ -13,17 +13,23 @@ from sesa2.shape.rotations import FloatArray
 class Rigid(ChainModel):
     """Straight links, one per IMU, oriented as it is.
 
-    Args:
-        arm: the arm.
-        boundaries: where one IMU's link ends and the next one's begins: `midpoint`, halfway between the IMUs (second order in
-            the spacing); `endpoint`, at the IMU (Table I with 8 IMUs; first order); or n_imu − 1 arc lengths, m.
-        base_link_length: L₀ of the paper, m: a first link as the base is oriented. At 0 there is none, and the
-            first IMU's link begins at the base.
+    Parameters
+    ----------
+    arm
+        the arm.
+    boundaries
+        where one IMU's link ends and the next one's begins: `midpoint`, halfway between the IMUs (second order in
+        the spacing); `endpoint`, at the IMU (Table I with 8 IMUs; first order); or n_imu − 1 arc lengths, m.
+    base_link_length
+        L₀ of the paper, m: a first link as the base is oriented. At 0 there is none, and the
+        first IMU's link begins at the base.
     """
 
     name = 'rigid'
 
-    def __init__(self, arm: Arm, boundaries: str | Sequence[float] = 'midpoint', base_link_length: float = 0.0):
+    def __init__(
+        self, arm: Arm, boundaries: str | Sequence[float] = 'midpoint', base_link_length: float = 0.0
+    ):
         at = np.array(arm.imu_positions)
         if isinstance(boundaries, str):
             if boundaries not in ('midpoint', 'endpoint'):
