@@ -123,7 +123,7 @@ class Stats(NamedTuple):
     def unpack(cls, fields: bytes) -> 'Stats':
         """From the fields of a reply."""
         values = _STATS.unpack(fields)
-        return cls(*values[:8], values[8:16], values[16:24])
+        return cls._make((*values[:8], values[8:16], values[16:24]))
 
 
 _HELLO = Struct('<BBBI')
@@ -211,7 +211,7 @@ def is_reply(body: bytes) -> bool:
 def decode_reply(body: bytes) -> Reply:
     """The reply in an intact frame's body.
 
-    A reply of another version is let through with whatever fields it has: the user is to be told both versions.
+    A reply of another version is let through with whatever fields it has: the user is told both versions.
 
     Raises
     ------
