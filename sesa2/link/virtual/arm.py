@@ -49,25 +49,25 @@ class Arm:
         self._random = np.random.default_rng(seed) if random_signs else None
 
     def orientations(self, ids: Sequence[int], t: FloatArray, headings: FloatArray) -> FloatArray:
-        """What IMUs measure: q_WS = Rz(heading) ⊗ q_WL ⊗ q_LS, shape (n, 4).
+        """What IMUs measure: q_WS = Rz(heading) ⊗ q_WL ⊗ q_LS, shape (..., n, 4).
 
         Parameters
         ----------
         ids
             Which n IMUs.
         t
-            When each is read, s, shape (n,).
+            When each is read, s, shape (..., n).
         headings
             On top of the arm's own, rad, shape (n,).
         """
         rows = [self._rows[imu_id] for imu_id in ids]
-        q_WL = self.motion(t)[np.arange(len(rows)), rows]
+        q_WL = self.motion(t)[..., np.arange(len(rows)), rows, :]
         half = (self._headings[rows] + headings) / 2
         turn = np.zeros((len(rows), 4))
         turn[:, 2], turn[:, 3] = np.sin(half), np.cos(half)
         q = rotations.multiply(rotations.multiply(turn, q_WL), self._mounts[rows])
         if self._random is not None:
-            q *= self._random.choice((-1.0, 1.0), (len(rows), 1))
+            q *= self._random.choice((-1.0, 1.0), (*q.shape[:-1], 1))
         return q
 
 

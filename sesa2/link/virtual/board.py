@@ -1,4 +1,4 @@
-"""The virtual board on a pseudo-terminal, run by the clock in a thread of its own, and the faults it can be told to have."""
+"""The virtual board on a pseudo-terminal, run by the clock in a thread of its own, with faults on demand."""
 
 import contextlib
 import os

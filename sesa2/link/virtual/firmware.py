@@ -41,11 +41,11 @@ _TO_CONFIG_US, _TO_FUSION_US = 19_000, 7_000
 _WRITE_US = 1_000
 _READ_IMU_US = {0: 525, 1: 1_475}  # one IMU's share of a sweep at 400 and at 100 kHz
 _CONFIG = 0x00
+_AHEAD = 16
 _NEVER = 1 << 62
-_MAX_TOKEN_QUEUE = 1
 
 Measure = Callable[[Sequence[int], FloatArray, FloatArray], FloatArray]
-"""q_WS, shape (n, 4), of the IMUs with these ids, at these times since the board started (µs), turned by these headings."""
+"""Takes n ids, times since the board started, shape (m, n), µs, and n headings, rad; gives q_WS, shape (m, n, 4)."""
 
 
 @dataclass
@@ -112,6 +112,7 @@ class Firmware:
         self._sweep_us = 0
         self._sweep_due_us = 0
         self._sent_us = _NEVER
+        self._ahead: dict[int, FloatArray] = {}
         self._out: list[bytes] = []
         self.tx_dropped = 0
 
@@ -250,6 +251,7 @@ class Firmware:
                     channel.comebacks = min(255, channel.comebacks + 1)
                 channel.state, channel.due_us, channel.errors = State.RUN, _NEVER, 0
                 channel.ran, channel.lost = True, False
+                self._ahead.clear()  # the chip may have another heading
 
     def _in_config(self, channel: _Channel, chip: Chip, now_us: int) -> None:
         chip.set_mode(_CONFIG, self._born_us + now_us)
@@ -265,6 +267,7 @@ class Firmware:
             channel.state, channel.due_us = State.TO_NDOF, now_us + _TO_FUSION_US
 
     def _begin_sweeps(self, now_us: int) -> None:
+        self._ahead.clear()
         self._sweep_us = self._sweep_due_us = now_us
         self._sent_us = self._when_sent()
 
@@ -287,28 +290,42 @@ class Firmware:
             channels[refreshed].calib = self._chips[self._ids[refreshed]].calib(
                 self._born_us + self._sweep_us
             )
-        running = [k for k, channel in enumerate(channels) if channel.state is State.RUN]
-        q = np.zeros((n, 4))
-        if running:
-            ids = [self._ids[k] for k in running]
-            read_us = self._sweep_us + scan_us * (np.array(running) + 0.5) / n
-            q[running] = self._measure(ids, read_us, np.array([self._chips[i].heading for i in ids]))
+        running = np.array([channel.state is State.RUN for channel in channels])
+        q = np.where(running[:, np.newaxis], self._measured(), 0.0)
         if self._flags & Stream.QUATERNIONS:
             health = bytes(channel.errors << 4 | channel.state for channel in channels)
             calib = bytes(channel.calib for channel in channels)
             self._out.append(encode_frame(encode_data(sweep, q, health, calib)))
         if self._flags & Stream.ACCELERATION:
-            a = np.full((n, 3), np.nan)
-            a[running] = accelerations(q[running])
+            a = np.where(running[:, np.newaxis], accelerations(q), np.nan)
             self._out.append(encode_frame(encode_acceleration(sweep, a)))
         self._seq = (self._seq + 1) % (1 << 16)
         self._sweeps += 1
         self._max_scan_us = max(self._max_scan_us, scan_us)
         self._schedule(scan_us)
 
-    def _schedule(self, scan_us: int) -> None:
+    def _measured(self) -> FloatArray:
+        """q_WS of the configured IMUs in this sweep, shape (n, 4); anything for those that do not measure.
+
+        numpy's price is by the call, and sweeps are regular: so many are computed at once, ahead of time.
+        """
+        if self._sweep_us not in self._ahead:
+            n, scan_us = len(self._ids), self._scan_us()
+            rows = [k for k, imu_id in enumerate(self._ids) if imu_id in self._chips]
+            ids = [self._ids[k] for k in rows]
+            starts = self._sweep_us + max(self._period_us(), scan_us) * np.arange(_AHEAD)
+            read_us = starts[:, np.newaxis] + scan_us * (np.array(rows) + 0.5) / n
+            q = np.zeros((_AHEAD, n, 4))
+            q[:, rows] = self._measure(ids, read_us, np.array([self._chips[i].heading for i in ids]))
+            self._ahead = dict(zip(starts.tolist(), q, strict=True))
+        return self._ahead.pop(self._sweep_us)
+
+    def _period_us(self) -> int:
         assert self._configuration is not None
-        self._sweep_due_us += 1_000_000 // self._configuration.rate_hz
+        return 1_000_000 // self._configuration.rate_hz
+
+    def _schedule(self, scan_us: int) -> None:
+        self._sweep_due_us += self._period_us()
         self._sweep_us = max(self._sweep_due_us, self._sweep_us + scan_us)
         if self._sweep_us - self._sweep_due_us > 1000:
             self._late += 1

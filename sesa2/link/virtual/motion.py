@@ -15,7 +15,8 @@ Motion = Callable[[FloatArray], FloatArray]
 
 _STRAIGHT_S = 3.0
 _MOTION_S = 10.0
-_CYCLE_S = _STRAIGHT_S + 3 * _MOTION_S
+_STARTS = _STRAIGHT_S + _MOTION_S * np.arange(3)
+_CYCLE_S = _STRAIGHT_S + _MOTION_S * 3
 _FADE_S = 1.5
 _BEND = 2.4  # rad over the whole arm, enough for the tip to reach below the base
 _LARGEST_BEND = 0.45 * pi  # rad between neighbouring IMUs
@@ -47,28 +48,33 @@ class ArmMotion:
     def __call__(self, t: ArrayLike) -> FloatArray:
         """Orientations at times t, s: q_WL, shape t.shape + (n_imu, 4)."""
         t = np.asarray(t, float)
-        steps = rotations.from_rotation_vector(self._bends(t[..., np.newaxis]))
-        q = np.empty_like(steps)
-        previous = self._base
-        for k in range(len(self._bend)):
-            previous = q[..., k, :] = rotations.multiply(previous, steps[..., k, :])
+        q = rotations.from_rotation_vector(self._bends(t))
+        q[..., 0, :] = rotations.multiply(self._base, q[..., 0, :])
+        # Products of all the first k by doubling: after each turn, 2, 4, 8… factors are in.
+        done = 1
+        while done < q.shape[-2]:
+            q[..., done:, :] = rotations.multiply(q[..., :-done, :], q[..., done:, :])
+            done *= 2
         return q
 
     def _bends(self, t: FloatArray) -> FloatArray:
-        """Rotation vector of each section in the frame of its start, rad, shape t.shape[:-1] + (n_imu, 3)."""
+        """Rotation vector of each section in the frame of its start, rad, shape t.shape + (n_imu, 3)."""
         u = self._middle
-        phase = t % _CYCLE_S - _STRAIGHT_S
-        oscillate = _window(phase) * np.sin(2 * pi * t / 8)
-        buckle = _window(phase - _MOTION_S) * np.sin(2 * pi * t / 10) ** 2 * np.cos(2 * pi * u)
-        circle = _window(phase - 2 * _MOTION_S) * (1.4 * u - 0.4)  # bent back near the base: a question mark
+        t = t[..., np.newaxis]
+        oscillate, buckle, circle = np.moveaxis(_windows(t), -1, 0)[..., np.newaxis]
+        oscillate = oscillate * np.sin(2 * pi * t / 8)
+        buckle = buckle * np.sin(2 * pi * t / 10) ** 2 * np.cos(2 * pi * u)
+        circle = circle * (1.4 * u - 0.4)  # bent back near the base: a question mark
         direction = 2 * pi * t / 4 + 0.6 * u
-        bends = np.zeros((*np.broadcast_shapes(t.shape, u.shape), 3))
+        bends = np.zeros((*direction.shape, 3))
         bends[..., 0] = self._bend * (buckle - circle * np.sin(direction))
         bends[..., 1] = self._bend * (oscillate + circle * np.cos(direction))
         return bends
 
 
-def _window(phase: FloatArray) -> FloatArray:
-    """1 during a motion, fading smoothly to 0 at both of its ends."""
-    x = np.clip(np.minimum(phase, _MOTION_S - phase) / _FADE_S, 0.0, 1.0)
+def _windows(t: FloatArray) -> FloatArray:
+    """Share of each of the three motions at times t, shape (..., 1), to (..., 3): 1, but fading to 0 at both ends."""
+    since = t % _CYCLE_S - _STARTS
+    x = np.minimum(since, _MOTION_S - since) / _FADE_S
+    x = np.minimum(np.maximum(x, 0.0), 1.0)
     return x * x * (3 - 2 * x)
