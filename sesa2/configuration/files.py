@@ -146,7 +146,7 @@ def _plain(value: Any) -> Any:
 
 
 class _Dumper(yaml.SafeDumper):
-    """Lists on one line; numbers always with a point: `1e-05` is a text to YAML 1.1, and an integer no number to ROS."""
+    """Lists on one line; numbers with a point: `1e-05` is a text to YAML 1.1, and an integer is no number to ROS."""
 
 
 _Dumper.add_representer(

@@ -12,7 +12,7 @@ from sesa2.shape.joints import WARN_ANGLE, hold_x, joint_angles
 from sesa2.shape.missing import fill_missing
 from sesa2.shape.model import Model
 from sesa2.shape.models import create_model
-from sesa2.shape.rotations import FloatArray, conjugate, multiply, rotate
+from sesa2.shape.rotations import IDENTITY, FloatArray, conjugate, multiply, rotate
 
 
 class ModelResult(NamedTuple):
@@ -91,8 +91,9 @@ class Estimator:
             )
             for name in configuration.models
         }
-        # Without a mounting, a heading or an IMU on the base nothing stands between the samples and the models.
-        self._base_is_identity = bool(np.array_equal(np.abs(self._base), [0.0, 0.0, 0.0, 1.0]))
+        self._base_is_world = not configuration.imus.base_id and bool(
+            np.array_equal(np.abs(self._base), IDENTITY)
+        )
 
     @property
     def models(self) -> dict[str, Model]:
@@ -129,17 +130,15 @@ class Estimator:
         return Estimate(stamps, base, results)
 
     def _bases(self, sweeps: Sequence[Sweep]) -> FloatArray:
-        if all(sweep.base is None for sweep in sweeps):
+        measured = [sweep.base for sweep in sweeps if sweep.base is not None]
+        if not measured:
             return np.broadcast_to(self._base, (len(sweeps), 4))
-        measured = np.stack([self._base if sweep.base is None else sweep.base for sweep in sweeps])
-        known = np.array([sweep.base is not None for sweep in sweeps])
-        mounted = self._base_mounting.link_orientations(measured[:, None])[:, 0]
-        return np.where(known[:, None], mounted, self._base)
+        return self._base_mounting.link_orientations(np.stack(measured)[:, None])[:, 0]
 
     def _fit(self, configured: _Configured, orientations: FloatArray, base: FloatArray) -> ModelResult:
         backbone = configured.model.fit(orientations, base)
         positions, there = backbone.positions(configured.s), backbone.orientations(configured.s)
-        if not self._in_world and not self._base_is_identity:
+        if not self._in_world and not self._base_is_world:
             to_base = conjugate(base)[:, None, :]
             positions, there = rotate(to_base, positions), multiply(to_base, there)
         angles = self._angles(configured, backbone.link_orientations, base)

@@ -61,8 +61,8 @@ class _Imu:
 class SweepAssembler:
     """Gives a sweep when every living IMU has a newer sample, or when the timeout has passed.
 
-    An IMU that a timed-out sweep had to do without is not waited for until it is heard again. Samples that cannot be used are
-    counted in `dropped`, by reason.
+    An IMU that a timed-out sweep had to do without is not waited for until it is heard again. Samples that cannot be
+    used are counted in `dropped`, by reason.
 
     Parameters
     ----------
@@ -130,7 +130,7 @@ class SweepAssembler:
 
         Returns
         -------
-        The sweeps that are complete now: none, one, or two where a timeout closed one and this sample completes the next.
+        The sweeps that are complete now: none, one, or two where a timeout closed one and this completes another.
         """
         if not self._used[index]:
             return []
@@ -157,7 +157,7 @@ class SweepAssembler:
             self._n_alive += 1
         self._fresh.setdefault(index, stamp_ns)
         if len(self._fresh) == self._n_alive and self._is_one_sweep():
-            sweeps.append(self._close())
+            sweeps += self._close()
         return sweeps
 
     def flush(self) -> list[Sweep]:
@@ -168,10 +168,7 @@ class SweepAssembler:
             if self._used[index] and imu.alive and index not in self._fresh:
                 imu.alive = False
                 self._n_alive -= 1
-        if self._has_base and set(self._fresh) == {self.n_imu}:  # the base alone has no shape
-            self._fresh.clear()
-            return []
-        return [self._close()]
+        return self._close()
 
     def waiting_since(self) -> int | None:
         """Stamp of the first sample of a sweep that is not complete, ns."""
@@ -200,9 +197,9 @@ class SweepAssembler:
     def _is_one_sweep(self) -> bool:
         """Whether the complete set of samples was taken in one go.
 
-        After a lost sample, or when listening began in the middle, the set may begin with the end of one sweep and end with
-        the beginning of the next. Then its largest gap is much longer than the pause before the next round would be; the
-        samples before the gap are let go, and the set is completed by those that follow.
+        After a lost sample, or when listening began in the middle, the set may begin with the end of one sweep and end
+        with the beginning of the next. Then its largest gap is much longer than the pause before the next round would
+        be; the samples before the gap are let go, and the set is completed by those that follow.
         """
         stamps = sorted((self._imus[i].last_ns, i) for i in self._fresh)
         span = stamps[-1][0] - stamps[0][0]
@@ -223,7 +220,11 @@ class SweepAssembler:
         self.dropped['of a sweep that was not whole'] += cut
         return False
 
-    def _close(self) -> Sweep:
+    def _close(self) -> list[Sweep]:
+        if self._has_base and (self._imus[self.n_imu].last is None or set(self._fresh) == {self.n_imu}):
+            self.dropped['of a sweep without the base, or with nothing but it'] += len(self._fresh)
+            self._fresh.clear()
+            return []
         stamps = [self._imus[i].last_ns for i in self._fresh]
         orientations = np.zeros((self.n_imu, 4))
         orientations[:, 3] = 1.0
@@ -243,7 +244,7 @@ class SweepAssembler:
             if base is not None:
                 base = self._at(self._imus[self.n_imu], stamp_ns)
         self._fresh.clear()
-        return Sweep(stamp_ns, orientations, measured, base)
+        return [Sweep(stamp_ns, orientations, measured, base)]
 
     def _to_instant(self, stamp_ns: int, orientations: FloatArray, measured: np.ndarray) -> None:
         for index in np.flatnonzero(measured):
