@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 import rclpy.node
+from sesa2_msgs.msg import ImuCalibration
 from std_srvs.srv import Trigger
 
 from sesa2.configuration import ConfigurationError, Mistake
@@ -15,7 +16,6 @@ from sesa2.nodes.diagnostics import OK, WARN, Diagnostics
 from sesa2.nodes.parameters import declare_configuration
 from sesa2.nodes.qos import LATCHED
 from sesa2.nodes.runtime import run_alone
-from sesa2_msgs.msg import ImuCalibration
 
 
 class CalibrationNode(rclpy.node.Node):
