@@ -14,7 +14,7 @@ from sesa2.evaluation.time_offset import TimeOffset, find_time_offset
 from sesa2.evaluation.trajectory import EvaluationError, Trajectory
 from sesa2.shape.rotations import FloatArray
 
-DOUBTFUL_CORRELATION = 0.97
+DOUBTFUL_CORRELATION = 0.9
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,8 +29,10 @@ class Evaluation:
         between the clocks; truth time = estimate time + offset.
     registration
         between the frames.
-    aligned_by
-        the model that time offset and registration were found with; None if neither was fitted.
+    time_offset_from
+        the model that the time offset was found with; None if it was given.
+    registration_from
+        the model that the registration was fitted with; None if there is none.
     screened
         what was left out of the truth.
     warnings
@@ -40,7 +42,8 @@ class Evaluation:
     models: Mapping[str, Mapping[str, MarkerError]]
     time_offset: TimeOffset
     registration: Registration
-    aligned_by: str | None
+    time_offset_from: str | None
+    registration_from: str | None
     screened: Screened
     warnings: tuple[str, ...]
 
@@ -117,9 +120,9 @@ def evaluate(
     screened = screen(truth.select(names), next(iter(estimates.values())), max(arc_lengths.values()))
     truth = screened.truth
 
-    aligned_by = None
+    time_offset_from = registration_from = None
     if time_offset is None:
-        offset, aligned_by = _shared_time_offset(estimates, truth)
+        offset, time_offset_from = _shared_time_offset(estimates, truth)
     else:
         offset = TimeOffset(float(time_offset))
     matched = {model: trajectory.at(truth.times - offset.seconds) for model, trajectory in estimates.items()}
@@ -133,7 +136,7 @@ def evaluate(
         when = truth.times[known.any(axis=(0, 2))]
         split = when[0] + fit_fraction * (when[-1] - when[0])
         scored = truth.times > split
-        registration, aligned_by = _shared_registration(register, matched, truth, ~scored)
+        registration, registration_from = _shared_registration(register, matched, truth, ~scored)
 
     models = {
         model: {
@@ -157,7 +160,7 @@ def evaluate(
         *_truth_warnings(screened),
         *_coverage_warnings(models, truth, scored),
     )
-    return Evaluation(models, offset, registration, aligned_by, screened, warnings)
+    return Evaluation(models, offset, registration, time_offset_from, registration_from, screened, warnings)
 
 
 def _check(
@@ -270,7 +273,7 @@ def _truth_warnings(screened: Screened) -> list[str]:
 def _coverage_warnings(
     models: Mapping[str, Mapping[str, MarkerError]], truth: Trajectory, scored: np.ndarray
 ) -> list[str]:
-    """Say where the truth saw a marker but no estimate was near, or the other way round."""
+    """Say where the truth did not see a marker, and where the estimate has gaps between its first and last sample."""
     warnings = []
     for m, name in enumerate(truth.names):
         unseen = int((~truth.seen[scored, m]).sum())
@@ -278,10 +281,15 @@ def _coverage_warnings(
             warnings.append(
                 f'{name} was not seen (or left out) in {unseen} of {scored.sum()} samples of the truth.'
             )
+        seen_at = truth.times[scored & truth.seen[:, m]]
         for model, errors in models.items():
-            missing = int(truth.seen[scored, m].sum()) - errors[name].n
+            at = errors[name].times
+            if not len(at):
+                warnings.append(f'{model} has nothing to score at {name}.')
+                continue
+            missing = int(((seen_at >= at[0]) & (seen_at <= at[-1])).sum()) - len(at)
             if missing:
                 warnings.append(
-                    f'{model} has no estimate of {name} for {missing} of {scored.sum()} samples of the truth.'
+                    f'{model} has gaps: no estimate of {name} for {missing} of {len(seen_at)} samples.'
                 )
     return warnings

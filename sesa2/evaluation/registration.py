@@ -16,7 +16,7 @@ MIN_SPREAD = 1e-3  # m, rms
 MIN_SPREAD_RATIO = 0.02  # of the spread along the points' main axis
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Registration:
     """p_truth = R p_estimate + t.
 

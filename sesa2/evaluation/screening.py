@@ -19,11 +19,11 @@ SPREAD_TOLERANCE = 4.0
 
 FASTEST = 2.0  # m/s, three times the top speed in the thesis (figure 4.20)
 FASTEST_RATIO = 6.0  # of this trial's own 95th percentile, if that is more
-EXCHANGE_RATIO = 0.25
+EXCHANGE_RATIO = 0.5
 EXCHANGE_GAP = 1.0  # s; longer out of sight, and where a marker comes back proves nothing
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Screened:
     """A truth without the samples that cannot be true.
 
@@ -103,8 +103,8 @@ def _scale(truth: Trajectory, estimate: Trajectory, arc_length: float) -> float:
     if 1.0 / SPREAD_TOLERANCE <= MILLIMETRE * spread / max(expected, 1e-9) <= SPREAD_TOLERANCE:
         return MILLIMETRE
     raise EvaluationError(
-        f'the truth is not in metres: its markers are {spread:.4g} from their middle (median), on an arm whose farthest '
-        f'marker is {arc_length:.4g} m from the base. Nor is it in millimetres: the estimated markers are '
+        f'the truth is not in metres: its markers are {spread:.4g} from their middle (median), on an arm whose '
+        f'farthest marker is {arc_length:.4g} m from the base. Nor is it in millimetres: the estimated markers are '
         f'{expected:.4g} m from their middle'
     )
 
@@ -118,6 +118,8 @@ def _exchanged(truth: Trajectory) -> np.ndarray:
     out = np.zeros(truth.seen.shape, dtype=bool)
     for a, b in combinations(range(len(truth.names)), 2):
         both = np.flatnonzero(truth.seen[:, a] & truth.seen[:, b])
+        if len(both) < 2:
+            continue
         pair = truth.positions[both][:, [a, b]]
         stayed = np.linalg.norm(pair[1:] - pair[:-1], axis=2).sum(axis=1)
         crossed = np.linalg.norm(pair[1:, ::-1] - pair[:-1], axis=2).sum(axis=1)
