@@ -115,6 +115,7 @@ def evaluate(
         the recordings do not belong together, or too little is in them.
     """
     _check(estimates, arc_lengths, fit_fraction, time_offset)
+    arc_lengths = {name: float(s) for name, s in arc_lengths.items()}
     names = tuple(arc_lengths)
     estimates = {model: _complete(model, trajectory.select(names)) for model, trajectory in estimates.items()}
     screened = screen(truth.select(names), next(iter(estimates.values())), max(arc_lengths.values()))
