@@ -37,14 +37,14 @@ class BoardClock:
 
     Attributes
     ----------
-    restarts
-        Times that the line was given up since one of the clocks jumped.
+    jumps
+        Times that one of the clocks jumped, which made the line start anew.
     """
 
     def __init__(self) -> None:
-        self.restarts = 0
+        self.jumps = 0
         self._last_stamp_ns: int | None = None
-        self._begin()
+        self.restart()
 
     def stamp(self, t_us: int, arrival_ns: int) -> int:
         """Host time of a board time, ns.
@@ -59,13 +59,14 @@ class BoardClock:
         """
         passed_ns = self._advance(t_us)
         if passed_ns is None:
+            self.jumps += 1
             self.restart()
             passed_ns = self._advance(t_us) or 0
         late_ns = arrival_ns - self._line(self._board_ns)
         if self._jumped(late_ns, arrival_ns):
+            self.jumps += 1
             self.restart()
             self._advance(t_us)
-            late_ns = 0
         self._learn(arrival_ns)
         stamp = self._line(self._board_ns)
         if self._last_stamp_ns is not None:
@@ -75,10 +76,6 @@ class BoardClock:
 
     def restart(self) -> None:
         """Forget the line, since the board was reset or the link was down; stamps stay monotonic."""
-        self.restarts += 1
-        self._begin()
-
-    def _begin(self) -> None:
         self._t_us: int | None = None
         self._board_ns = 0
         self._offset_ns: float | None = None
