@@ -11,6 +11,7 @@ import numpy as np
 import rclpy.node
 from builtin_interfaces.msg import Time
 from sensor_msgs.msg import Imu
+from sesa2_msgs.msg import ImuCalibration
 from std_srvs.srv import Trigger
 
 from sesa2.configuration import Configuration
@@ -27,7 +28,6 @@ from sesa2.nodes.diagnostics import ERROR, OK, WARN, Diagnostics
 from sesa2.nodes.parameters import declare_configuration
 from sesa2.nodes.qos import LATCHED, STREAM
 from sesa2.nodes.runtime import run_alone
-from sesa2_msgs.msg import ImuCalibration
 
 # Eight chips take 40 ms each; a chip that boots lets the board say "busy" for 0.7 s.
 _OFFSETS_PATIENCE_S = 5.0

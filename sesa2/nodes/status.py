@@ -7,7 +7,7 @@ import numpy as np
 from rclpy.node import Node
 
 from sesa2.configuration import Configuration
-from sesa2.link.virtual import VirtualBoard
+from sesa2.link.virtual.board import VirtualBoard
 from sesa2.nodes.estimator import EstimatorNode
 from sesa2.nodes.serial_bridge import SerialBridge
 from sesa2.shape.models import create_model
@@ -44,8 +44,8 @@ class Status:
         now = time.monotonic()
         if now >= self._due:
             self._due = now + _PERIOD_S
-            parts = [part for part in (self._rates(now), self._tips(), self._link(), self._scores()) if part]
-            if parts:
+            if self._estimator.latest if self._estimator else self._scores():
+                parts = [part for part in (self._rates(now), self._tips(), self._link(), self._scores()) if part]
                 print(' | '.join(parts))
             self._last = now
 

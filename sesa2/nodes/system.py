@@ -8,8 +8,8 @@ from pathlib import Path
 from rclpy.node import Node
 
 from sesa2.configuration import Configuration
-from sesa2.link.virtual import VirtualBoard
 from sesa2.link.virtual.arm import Arm
+from sesa2.link.virtual.board import VirtualBoard
 from sesa2.link.virtual.motion import ArmMotion
 from sesa2.nodes.calibration import CalibrationNode
 from sesa2.nodes.estimator import EstimatorNode
@@ -50,7 +50,9 @@ def run(configuration: Configuration, duration: float | None = None) -> int:
 
         def ended() -> bool:
             status.show_when_due()
-            return stop.is_set() or time.monotonic() > ends or any(getattr(n, 'finished', False) for n in nodes)
+            return (
+                stop.is_set() or time.monotonic() > ends or any(getattr(n, 'finished', False) for n in nodes)
+            )
 
         spin(nodes, ended)
         for node in nodes:
