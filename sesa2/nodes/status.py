@@ -45,7 +45,9 @@ class Status:
         if now >= self._due:
             self._due = now + _PERIOD_S
             if self._estimator.latest if self._estimator else self._scores():
-                parts = [part for part in (self._rates(now), self._tips(), self._link(), self._scores()) if part]
+                parts = [
+                    part for part in (self._rates(now), self._tips(), self._link(), self._scores()) if part
+                ]
                 print(' | '.join(parts))
             self._last = now
 
