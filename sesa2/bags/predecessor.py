@@ -67,7 +67,9 @@ class PredecessorBag:
         self._first = min(counts, default=0) if first_id is None else first_id
         below = sum(n for id_, n in counts.items() if id_ < self._first)
         if below:
-            self.problems.append(f'{path}: {below} samples of IDs below the first ID {self._first} are not used')
+            self.problems.append(
+                f'{path}: {below} samples of IDs below the first ID {self._first} are not used'
+            )
         self.topics = {
             self._name(id_): Topic(TYPE, n) for id_, n in sorted(counts.items()) if id_ >= self._first
         }

@@ -67,7 +67,9 @@ class ImuRecording:
             )
         if len(by_namespace) > 1:
             names = ' and '.join(sorted(by_namespace))
-            raise Sesa2Error(f'{recording.path}: IMU topics in the namespaces {names}, expected those of one arm')
+            raise Sesa2Error(
+                f'{recording.path}: IMU topics in the namespaces {names}, expected those of one arm'
+            )
         ((self.namespace, self._ids),) = by_namespace.items()
         self.counts = {id_: recording.topics[name].count for name, id_ in self._ids.items()}
         self.unreadable: Counter[int] = Counter()

@@ -1,7 +1,7 @@
 """Messages of any recording, whatever its format and however it ended."""
 
 import re
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from pathlib import Path
 
 from rosbags.rosbag2 import Reader
@@ -23,9 +23,10 @@ class Recording:
         by absolute name.
     """
 
-    def __init__(self, path: Path, parts: list[Part]):
+    def __init__(self, path: Path, parts: list[Part], problems: Sequence[str] = ()):
         self.path = path
         self._parts = parts
+        self._problems = problems
         self.topics: dict[str, Topic] = {}
         for part in parts:
             for name, topic in part.topics.items():
@@ -35,7 +36,7 @@ class Recording:
     @property
     def problems(self) -> list[str]:
         """What could not be read, for people; complete once all messages have been read."""
-        return [problem for part in self._parts for problem in part.problems]
+        return [*self._problems, *(problem for part in self._parts for problem in part.problems)]
 
     def messages(self, topics: Iterable[str] | None = None) -> Iterator[Message]:
         """Messages in order of time; of a bag cut short, in the order of recording.
@@ -79,30 +80,30 @@ def open_recording(path: str | Path, first_id: int | None = None) -> Recording:
     path = Path(path)
     try:
         if path.is_dir():
-            parts = _open_folder(path)
+            recording = _open_folder(path)
         elif path.exists():
-            parts = [_open_file(path, first_id)]
+            recording = Recording(path, [_open_file(path, first_id)])
         else:
             raise Sesa2Error(f'{path}: no such file or folder, expected a recording')
     except OSError as error:
         raise Sesa2Error(f'{path}: cannot be read: {error.strerror or error}') from None
-    recording = Recording(path, parts)
     if recording.problems and not any(topic.count for topic in recording.topics.values()):
         recording.close()
         raise Sesa2Error(f'nothing readable: {"; ".join(recording.problems)}')
     return recording
 
 
-def _open_folder(path: Path) -> list[Part]:
+def _open_folder(path: Path) -> Recording:
+    problems = []
     if (path / 'metadata.yaml').is_file():
         try:
-            return [_Rosbag2(path)]
-        except _Refused:
-            pass  # one of its files is damaged, or does not belong to it
+            return Recording(path, [_Rosbag2(path)])
+        except _RefusedError as refused:
+            problems = [f'{path}: not all of the bag that metadata.yaml describes is there: {refused}']
     files = sorted((p for p in path.iterdir() if p.suffix in ('.mcap', '.db3')), key=_number_in_name)
     if not files:
         raise Sesa2Error(f'{path}: no recording in this folder, expected .mcap or .db3 files')
-    return [_open_file(file) for file in files]
+    return Recording(path, [_open_file(file) for file in files], problems)
 
 
 def _number_in_name(path: Path) -> tuple[int, str]:
@@ -118,13 +119,13 @@ def _open_file(path: Path, first_id: int | None = None) -> Part:
         raise Sesa2Error(f'{path}: not a recording, expected a rosbag2 folder, .mcap, .db3 or .bag')
     try:
         return _Rosbag2(path)
-    except _Refused as refused:
+    except _RefusedError as refused:
         if path.suffix == '.db3':
             raise Sesa2Error(f'{path}: nothing readable: {refused}') from None
         return UnfinishedMcap(path)
 
 
-class _Refused(Exception):
+class _RefusedError(Exception):
     """Why rosbags does not read a bag."""
 
 
@@ -141,7 +142,7 @@ class _Rosbag2:
         except OSError:
             raise
         except Exception as error:  # a damaged file makes its parser stumble in any way
-            raise _Refused(str(error) or type(error).__name__) from None
+            raise _RefusedError(str(error) or type(error).__name__) from None
         self._names = {c.id: absolute(c.topic) for c in self._reader.connections}
         for connection in self._reader.connections:
             name = self._names[connection.id]
@@ -160,7 +161,7 @@ class _Rosbag2:
                 yield Message(self._names[connection.id], connection.msgtype, log_ns, data)
                 read += 1
         except Exception as error:  # as above
-            self.problems.append(f'{self._path} is damaged after {read} messages, the rest is not used: {error}')
+            self.problems = [f'{self._path} is damaged after {read} messages, the rest is not used: {error}']
 
     def close(self) -> None:
         self._reader.close()

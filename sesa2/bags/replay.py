@@ -69,6 +69,24 @@ class Summary:
     duration: float = 0.0
     problems: list[str] = field(default_factory=list)
 
+    @property
+    def warnings(self) -> list[str]:
+        """All that was not as it should be, for people."""
+        lines = list(self.problems)
+        lines += [f'IMU {id_}: {n} messages not used: not in imus.ids' for id_, n in self.unknown.items()]
+        lines += [f'IMU {id_}: {n} messages not used: damaged' for id_, n in self.unreadable.items()]
+        lines += [f'{n} samples not used: {reason}' for reason, n in self.dropped.items()]
+        if self.partial:
+            lines.append(f'{self.partial} of {self.sweeps} sweeps lack an IMU, which was interpolated')
+        if self.resets:
+            lines.append(f'time jumped back {self.resets} times; the estimate began anew there')
+        lines += [
+            f'{model}: {n} of {self.sweeps} results have a joint beyond 80° about z'
+            for model, n in self.near_singular.items()
+            if n
+        ]
+        return lines
+
 
 def replay(
     source: str | Path,
@@ -129,7 +147,8 @@ def replay(
             summary.unreadable = imus.unreadable
             summary.problems = recording.problems
             if not summary.sweeps:
-                raise Sesa2Error(f'{source}: no sweep in {total} samples: {_why(summary)}')
+                reasons = '; '.join(summary.warnings) or 'the IMUs with samples are disabled'
+                raise Sesa2Error(f'{source}: no sweep in {total} samples: {reasons}')
         if progress:
             progress(total, total)
     return summary
@@ -144,12 +163,6 @@ def _indices(configuration: Configuration) -> dict[int, int]:
 
 def _listed(ids: Iterable[int]) -> str:
     return ', '.join(map(str, sorted(ids)))
-
-
-def _why(summary: Summary) -> str:
-    reasons = [f'{n} dropped: {reason}' for reason, n in summary.dropped.items()]
-    reasons += [f'{n} messages of IMU {id_} damaged' for id_, n in summary.unreadable.items()]
-    return '; '.join(reasons + summary.problems) or 'its enabled IMUs have none'
 
 
 class _Replay:
@@ -217,7 +230,7 @@ class _Replay:
         self._from_ns = self._until_ns = 0
 
     def _end_block(self) -> None:
-        """Estimate, and write all that is not newer than the last result: samples may come before results of their time."""
+        """Estimate, and write what is not newer than the last result: a result can be older than the next sample."""
         self._taken = 0
         if not self._block:
             if len(self._pending) > BLOCK:  # nothing but samples that make no sweep
