@@ -245,7 +245,7 @@ class SweepAssembler:
             return []
         gap, cut = max((members[k + 1][0] - members[k][0], k + 1) for k in range(len(members) - 1))
         pause = min(periods) - span
-        if gap <= 2 * pause or 4 * gap <= min(periods):
+        if gap <= 2 * pause or 2.5 * gap <= min(periods):
             return []
         return [index for _, index in members[:cut]]
 

@@ -14,6 +14,8 @@ from sesa2.link.virtual.motion import ArmMotion
 from sesa2.nodes.calibration import CalibrationNode
 from sesa2.nodes.estimator import EstimatorNode
 from sesa2.nodes.parameters import overrides
+from sesa2.nodes.player import Player
+from sesa2.nodes.recorder import Recorder
 from sesa2.nodes.runtime import ros, spin, stop_on_signals
 from sesa2.nodes.serial_bridge import SerialBridge
 from sesa2.nodes.status import Status
@@ -67,7 +69,11 @@ def _nodes(c: Configuration) -> list[Node]:
     options = {'parameter_overrides': overrides(c), 'use_global_arguments': False}
     nodes: list[Node] = []
     if c.run.mode == 'stream':
+        if c.record.file:
+            nodes.append(Recorder(**options))
         nodes.append(EstimatorNode(**options))
+    if c.run.source == 'bag':
+        nodes.append(Player(**options))
     if c.run.source in ('sim', 'serial'):
         if c.calibration.file:
             nodes.append(CalibrationNode(**options))
