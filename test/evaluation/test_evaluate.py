@@ -18,7 +18,7 @@ def changed(trajectory, positions, offset=0.0):
 
 
 def in_another_frame(trajectory, offset=0.0):
-    p = TURN.apply(trajectory.positions.reshape(-1, 3)).reshape(trajectory.positions.shape) + SHIFT
+    p = TURN.apply(trajectory.positions.reshape(-1, 3).copy()).reshape(trajectory.positions.shape) + SHIFT
     return changed(trajectory, p, offset)
 
 
