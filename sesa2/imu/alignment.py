@@ -1,5 +1,6 @@
 """Mountings from a straight pose: the arm is held straight and still for a few seconds."""
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -78,6 +79,7 @@ def align_straight(
     mountings: FloatArray,
     headings: FloatArray,
     *,
+    ids: Sequence[int],
     correct_headings: bool = False,
 ) -> Alignment:
     """Learn the mountings from the arm held straight, every link then being oriented as the base.
@@ -98,6 +100,8 @@ def align_straight(
         q_LS as known so far, x y z w.
     headings : (n_imu,)
         as known so far, rad.
+    ids
+        of the IMUs, for messages.
     correct_headings
         whether the turn about the axis is heading.
 
@@ -109,7 +113,7 @@ def align_straight(
     n, n_imu = orientations.shape[:2]
     measured = measured & np.isfinite(orientations).all(axis=-1)
     samples = measured.sum(axis=0)
-    few = [f'IMU {i}: {k}' for i, k in enumerate(samples) if 0 < k < MIN_SAMPLES]
+    few = [f'IMU {i}: {k}' for i, k in zip(ids, samples, strict=True) if 0 < k < MIN_SAMPLES]
     if few or not samples.any():
         raise AlignmentError(
             f'too few samples ({", ".join(few) or "none"}), expected at least {MIN_SAMPLES} of each IMU'
@@ -124,7 +128,7 @@ def align_straight(
         own = links[measured[:, i], i]
         means[i] = mean_rotation(own)
         spread[i] = _spread(own, means[i])
-    _refuse_motion(spread, _spread(bases, upright))
+    _refuse_motion(spread, _spread(bases, upright), ids)
     heading = np.zeros(n_imu)
     if correct_headings:
         heading = np.where(samples > 0, _headings(means, upright), 0.0)
@@ -148,8 +152,8 @@ def _spread(q: FloatArray, mean: FloatArray) -> float:
     return float(np.sqrt(np.mean(angles**2)))
 
 
-def _refuse_motion(spread: FloatArray, base_spread: float) -> None:
-    moved = [f'IMU {i} by {np.rad2deg(a):.1f}°' for i, a in enumerate(spread) if a > MAX_SPREAD]
+def _refuse_motion(spread: FloatArray, base_spread: float, ids: Sequence[int]) -> None:
+    moved = [f'IMU {i} by {np.rad2deg(a):.1f}°' for i, a in zip(ids, spread, strict=True) if a > MAX_SPREAD]
     if base_spread > MAX_SPREAD:
         moved.insert(0, f'the base by {np.rad2deg(base_spread):.1f}°')
     if moved:

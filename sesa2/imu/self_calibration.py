@@ -4,6 +4,7 @@ The shape is not known, but a soft arm's curvature changes smoothly along it and
 IMU that disagrees with its neighbours in the same way whatever the shape is mounted askew, or its heading is off.
 """
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -81,8 +82,8 @@ class SelfCalibration(NamedTuple):
         """Whether the motion has told each correction: less than half the expected variance is left; (n_imu, 4)."""
         return self.std < _TOLD * self.expected
 
-    def untold(self) -> list[str]:
-        """What the motion was too poor to tell, a line for each IMU that has such, 0 the first along the arm."""
+    def untold(self, ids: Sequence[int]) -> list[str]:
+        """What the motion was too poor to tell: a line for each IMU that has such, by its id."""
         names = ('mounting about x', 'about y', 'about z', 'heading')
         lines = []
         for i, told in enumerate(self.told):
@@ -91,7 +92,7 @@ class SelfCalibration(NamedTuple):
                     f'{names[k]} (±{np.rad2deg(self.std[i, k]):.1f}° of ±{np.rad2deg(self.expected[k]):.1f}°)'
                     for k in np.flatnonzero(~told)
                 ]
-                lines.append(f'IMU {i}: the motion hardly tells {", ".join(parts)}')
+                lines.append(f'IMU {ids[i]}: the motion hardly tells {", ".join(parts)}')
         return lines
 
 

@@ -84,9 +84,11 @@ class ShapePrior:
     ----------
     arm
         the arm.
+    heading_scatter
+        of an IMU, rad.
     """
 
-    def __init__(self, arm: Arm):
+    def __init__(self, arm: Arm, heading_scatter: float = HEADING_SCATTER):
         stations = arm.stations / arm.length
         self._sections = np.diff(stations)
         counts = np.ceil(_CELLS * self._sections / stations[-1] - 1e-9).astype(int)
@@ -100,7 +102,7 @@ class ShapePrior:
         self._covariance = 3.0 * (np.minimum(to_tip[:, None], to_tip) + _TIP_VARIANCE)
         rows = 3 * len(counts)
         self._scatter = TILT_SCATTER**2 * np.eye(rows)
-        self._scatter[2::3, 2::3] += HEADING_SCATTER**2 * np.eye(len(counts))
+        self._scatter[2::3, 2::3] += heading_scatter**2 * np.eye(len(counts))
 
     def first_guess(self, links: FloatArray, base: FloatArray) -> FloatArray:
         """Constant curvature from station to station.
