@@ -17,7 +17,7 @@ from sesa2.shape.rotations import (
     to_rotation_vector,
 )
 
-# A BNO055 at rest scatters by 0.3° and creeps by less than that in a few seconds.
+# White noise of 0.2° about each axis is a spread of 0.35°; an arm that sways by more than 1° is not held still.
 MAX_SPREAD = np.deg2rad(1.0)
 MIN_SAMPLES = 30
 # Beyond this angle between the arm and the vertical a heading error looks more like tilt than like twist.

@@ -12,7 +12,7 @@ from sesa2.shape.arm import Arm
 from sesa2.shape.missing import fill_missing
 from sesa2.shape.rotations import FloatArray, multiply
 
-# A calibrated BNO055's heading wanders by a few degrees within minutes (thesis 5.5).
+# Assumed of a calibrated BNO055, whose heading follows the magnetic surroundings as the arm and the room change.
 DRIFT_STD = np.deg2rad(2.0)
 DRIFT_TIME = 60.0
 
@@ -90,7 +90,7 @@ class HeadingFilter:
         return multiply(unturn, links)
 
     def update(self, stamp: float, links: FloatArray, measured: np.ndarray, base: FloatArray) -> FloatArray:
-        """Take one sweep; all but one a second cost nothing.
+        """Take one sweep; only one a second is looked at.
 
         Parameters
         ----------
