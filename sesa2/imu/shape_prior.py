@@ -26,8 +26,8 @@ from sesa2.shape.rotations import (
 BENDING = 9.0
 TWIST = 0.03
 
-# Scatter assumed of an IMU that is already corrected, from all that changes with time: about each axis, and of its heading
-# about the vertical besides, rad.
+# Scatter assumed of an IMU that is already corrected, from all that changes with time: about each axis, and of its
+# heading about the vertical besides, rad.
 TILT_SCATTER = np.deg2rad(1.0)
 HEADING_SCATTER = np.deg2rad(2.0)
 

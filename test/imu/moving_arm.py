@@ -10,7 +10,7 @@ from sesa2.shape.arm import Arm
 from sesa2.shape.rotations import IDENTITY, from_rotation_vector, multiply, tangent
 
 RATE = 20.0
-FINE = 128
+FINE = 66
 
 
 class Motion(NamedTuple):
