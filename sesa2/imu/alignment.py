@@ -38,9 +38,9 @@ class Alignment(NamedTuple):
     headings : (n_imu,)
         new headings, rad; the old ones unless asked for.
     corrections : (n_imu, 3)
-        by how much was corrected: tilt about the link's x and y, then heading, rad.
+        of the mounting about the link's x and y, q_LS = exp(x, y, 0) ⊗ old q_LS, then of the heading, rad.
     unexplained : (n_imu,)
-        turn about the link's own axis that is left as it was, rad: heading and mounting cannot be told apart.
+        turn about the link's own axis that is left, rad: of an upright arm its heading or its mounting's twist.
     spread : (n_imu,)
         root mean square angle between the samples and their mean, rad; NaN where the IMU was not heard.
     samples : (n_imu,)
@@ -58,7 +58,7 @@ class Alignment(NamedTuple):
 def mean_rotation(q: FloatArray) -> FloatArray:
     """Mean of rotations: the eigenvector of Σ q qᵀ with the greatest eigenvalue.
 
-    Markley et al., Averaging Quaternions, 2007, eq. 13; it is blind to signs.
+    Markley et al., Averaging Quaternions, 2007; it is blind to signs.
 
     Parameters
     ----------
@@ -134,8 +134,8 @@ def align_straight(
         heading = np.where(samples > 0, _headings(means, upright), 0.0)
         means = Mounting(np.tile((0.0, 0.0, 0.0, 1.0), (n_imu, 1)), heading).link_orientations(means)
     tilt = swing((0.0, 0.0, 1.0), rotate(conjugate(means), tangent(upright)))
-    left = to_rotation_vector(multiply(conjugate(multiply(means, tilt)), upright))[:, 2]
-    corrections = to_rotation_vector(tilt)
+    left = to_rotation_vector(multiply(conjugate(upright), multiply(means, tilt)))[:, 2]
+    corrections = to_rotation_vector(conjugate(tilt))
     corrections[:, 2] = heading
     return Alignment(
         mountings=multiply(conjugate(tilt), mountings),

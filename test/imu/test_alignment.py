@@ -45,7 +45,7 @@ def test_tilt_is_found_whatever_the_mounting_was(rng, base):
     true = multiply(from_rotation_vector(tilt), old)
     q = held_still(rng, base, true, np.zeros(3))
     got = align_straight(q, np.ones((120, 3), bool), base, old, np.zeros(3), ids=IDS)
-    np.testing.assert_allclose(got.corrections, -tilt, atol=np.deg2rad(0.1))
+    np.testing.assert_allclose(got.corrections, tilt, atol=np.deg2rad(0.1))
     aligned = Mounting(got.mountings, got.headings).link_orientations(q)
     axes = Rotation.from_quat(aligned.reshape(-1, 4)).apply([0.0, 0.0, 1.0]).reshape(120, 3, 3).mean(axis=0)
     np.testing.assert_allclose(axes, np.tile(Rotation.from_quat(base).apply([0, 0, 1]), (3, 1)), atol=2e-3)
@@ -60,7 +60,7 @@ def test_a_turn_about_the_axis_is_left_alone_but_told(rng):
     q = held_still(rng, UP, mountings, headings)
     got = align_straight(q, np.ones((120, 3), bool), UP, mountings, np.zeros(3), ids=IDS)
     np.testing.assert_allclose(np.rad2deg(got.corrections), 0.0, atol=0.1)
-    np.testing.assert_allclose(np.rad2deg(got.unexplained), [-20.0, 5.0, 0.0], atol=0.1)
+    np.testing.assert_allclose(np.rad2deg(got.unexplained), [20.0, -5.0, 0.0], atol=0.1)
 
 
 @pytest.mark.parametrize('base', [UP, DOWN, OBLIQUE], ids=['up', 'down', 'oblique'])
@@ -86,7 +86,7 @@ def test_an_imu_that_was_not_heard_keeps_its_mounting(rng):
     q[:40, 2] = np.nan  # says that it has measured, and has not
     got = align_straight(q, measured, UP, old, np.zeros(3), ids=IDS)
     np.testing.assert_allclose(np.abs(np.sum(got.mountings[1] * old[1])), 1.0)
-    np.testing.assert_allclose(got.corrections[[0, 2], 0], -0.05, atol=2e-3)
+    np.testing.assert_allclose(got.corrections[[0, 2], 0], 0.05, atol=2e-3)
     np.testing.assert_array_equal(got.samples, [120, 0, 80])
     assert np.isnan(got.spread[1])
 

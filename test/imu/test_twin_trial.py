@@ -1,7 +1,5 @@
 """The figures on a simulated trial with a BNO055's errors (data of the project, not part of the package)."""
 
-import os
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -14,15 +12,9 @@ from sesa2.shape.arm import Arm
 from sesa2.shape.models import create_model
 from sesa2.shape.rotations import IDENTITY
 
-ROOT = Path(__file__).parents[2]
-TRIAL = Path(os.environ.get('SESA2_DATA', ROOT.parent / 'shared/data')) / 'twin/trial_A_bno055_seed1.npz'
 ARM = Arm(0.66, (0.08, 0.16, 0.24, 0.32, 0.40, 0.48, 0.56, 0.64))
 MARKERS = np.array([0.36, 0.60])
 DELAY = 0.02
-
-pytestmark = pytest.mark.skipif(
-    not TRIAL.is_file(), reason=f'no {TRIAL.name}: set SESA2_DATA to the folder of the data'
-)
 
 
 class Trial(NamedTuple):
@@ -34,8 +26,11 @@ class Trial(NamedTuple):
 
 
 @pytest.fixture(scope='module')
-def trial():
-    with np.load(TRIAL) as data:
+def trial(recordings):
+    file = recordings / 'twin/trial_A_bno055_seed1.npz'
+    if not file.is_file():
+        pytest.skip(f'no {file}')
+    with np.load(file) as data:
         raw, true = (data[name].astype(float)[:, 1:, [1, 2, 3, 0]] for name in ('q', 'qtrue'))
         return Trial(data['ti'], raw, true, data['t100'], data['M100'].astype(float))
 
