@@ -9,7 +9,7 @@ from rosbags.typesys.store import Typestore
 STRING = 'std_msgs/msg/String'
 POSE_ARRAY = 'geometry_msgs/msg/PoseArray'
 
-# As in msg_defs/msg/, which is a package of its own and need not be installed to read or write bags.
+# As in msg_defs/msg/ but for its comments. That is a package of its own, which need not be there to read or write bags.
 IMU_CALIBRATION = """\
 std_msgs/Header header
 uint8 id

@@ -8,6 +8,7 @@ from collections.abc import Collection, Iterator
 from pathlib import Path
 from typing import NamedTuple
 
+import numpy as np
 from rosbags.rosbag1 import Reader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
@@ -84,7 +85,7 @@ class PredecessorBag:
             name = self._name(bag_id)
             if name in topics:
                 maker = makers.setdefault(name, ImuMessages(name.split('/')[1]))
-                yield Message(name, TYPE, stamp_ns, maker.make(stamp_ns, orientation))
+                yield Message(name, TYPE, stamp_ns, maker.make(stamp_ns, np.array(orientation)))
 
     def _quaternions(self, problems: list[str]) -> Iterator[_Quaternion]:
         read = 0

@@ -49,20 +49,20 @@ class ImuRecording:
     Raises
     ------
     Sesa2Error
-        there is no IMU in it, or those of several arms.
+        there is no message of an IMU in it, or there are those of several arms.
     """
 
     def __init__(self, recording: Recording):
         self._recording = recording
-        found = {name: imu_topic(name, topic.type) for name, topic in recording.topics.items()}
         by_namespace: dict[str, dict[str, int]] = defaultdict(dict)
-        for name, imu in found.items():
-            if imu:
+        for name, topic in recording.topics.items():
+            imu = imu_topic(name, topic.type)
+            if imu and topic.count:
                 by_namespace[imu.namespace][name] = imu.id
         if not by_namespace:
             there = ', '.join(f'{name} ({t.type}, {t.count})' for name, t in recording.topics.items())
             raise Sesa2Error(
-                f'{recording.path}: no IMU topic, expected imu_<id>/data of sensor_msgs/msg/Imu; '
+                f'{recording.path}: no message of an IMU, expected topics imu_<id>/data of sensor_msgs/msg/Imu; '
                 f'its topics: {there or "none"}'
             )
         if len(by_namespace) > 1:

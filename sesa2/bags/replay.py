@@ -188,7 +188,8 @@ class _Replay:
         self._block: list[Sweep] = []
         self._pending: list[tuple[int, int, bytes]] = []  # stamp, topic and bytes of what is not written yet
         self._taken = 0
-        self._from_ns = self._until_ns = 0  # first and last result since time last jumped back
+        self._first_ns: int | None = None  # stamps of the results since time last jumped back
+        self._last_ns = 0
         self.summary = Summary()
 
     def _topic(self, name: str, type_name: str, *, latched: bool = False) -> int:
@@ -226,8 +227,9 @@ class _Replay:
         self._end_block()
         self._write(self._pending)
         self._pending = []
-        self.summary.duration += (self._until_ns - self._from_ns) / NS
-        self._from_ns = self._until_ns = 0
+        if self._first_ns is not None:
+            self.summary.duration += (self._last_ns - self._first_ns) / NS
+        self._first_ns = None
 
     def _end_block(self) -> None:
         """Estimate, and write what is not newer than the last result: a result can be older than the next sample."""
@@ -246,16 +248,17 @@ class _Replay:
         self.summary.partial += sum(not sweep.measured[self._enabled].all() for sweep in self._block)
         self.summary.near_singular.update({m: r.near_singular for m, r in estimate.models.items()})
         self._block = []
-        self._from_ns = self._from_ns or stamps[0]
-        self._until_ns = stamps[-1]
+        self._first_ns = stamps[0] if self._first_ns is None else self._first_ns
+        self._last_ns = stamps[-1]
         self._pending.sort(key=itemgetter(0))
         written = bisect_right(self._pending, stamps[-1], key=itemgetter(0))
         self._write(self._pending[:written])
         del self._pending[:written]
 
     def _write(self, entries: list[tuple[int, int, bytes]]) -> None:
+        """Write in the order given. A bag knows no time before 0, to which the latency can lead in simulated time."""
         if entries and self._yaml is not None:
-            self._bag.write(self._configuration, entries[0][0], string_message(self._yaml))
+            self._bag.write(self._configuration, max(entries[0][0], 0), string_message(self._yaml))
             self._yaml = None
         for stamp_ns, topic, data in entries:
-            self._bag.write(topic, stamp_ns, data)
+            self._bag.write(topic, max(stamp_ns, 0), data)

@@ -20,6 +20,7 @@ from sesa2.bags.definitions import definition
 from sesa2.errors import Sesa2Error
 
 FLUSH_EVERY = 0.5  # s
+CHUNK_SIZE = 1 << 20  # bytes
 DEPTH = 100  # of every publisher of sesa2
 
 _FOREVER = {'sec': 9223372036, 'nsec': 854775807}
@@ -244,7 +245,7 @@ def record(path: str | Path) -> BagWriter:
                 number += 1
                 folder = path.with_name(f'{path.name}_{number}')
     except OSError as error:
-        raise _not_written(path, error) from None
+        raise _not_written(Path(error.filename or path), error) from None
     return BagWriter(folder, folder.name, FLUSH_EVERY)
 
 

@@ -42,3 +42,9 @@ def write_samples(bag, made):
     topics = {name: bag.add_topic(name, TYPE) for name in dict.fromkeys(m.topic for m in made)}
     for m in made:
         bag.write(topics[m.topic], m.stamp_ns, m.data)
+
+
+def unmeasured(made):
+    """The same message from an IMU that has not measured: all zero."""
+    data = ImuMessages(made.topic.split('/')[-2]).make(made.stamp_ns, np.zeros(4))
+    return made._replace(orientation=np.zeros(4), data=data)

@@ -60,11 +60,19 @@ def test_no_imu_topic(tmp_path):
     with open_recording(tmp_path / 'in') as recording, pytest.raises(Sesa2Error) as raised:
         ImuRecording(recording)
     for expected in (
-        'no IMU topic',
+        'no message of an IMU',
         '/imu/data (sensor_msgs/msg/Imu, 1)',
         '/imu_1/data (std_msgs/msg/String, 1)',
     ):
         assert expected in str(raised.value)
+
+
+def test_topics_without_a_message_do_not_count(tmp_path):
+    with new_bag(tmp_path / 'in') as writer:
+        writer.add_topic('/left/imu_1/data', 'sensor_msgs/msg/Imu')
+        write_samples(writer, make_samples(2, namespace='/right/'))
+    with open_recording(tmp_path / 'in') as recording:
+        assert ImuRecording(recording).namespace == '/right/'
 
 
 def test_no_topic_at_all(tmp_path):
