@@ -26,7 +26,7 @@ def describe(c: Configuration) -> str:
         f'Source     {c.run.source}, mode {c.run.mode}',
         '',
         'IMUs, base to tip',
-        *_table(
+        *table(
             ('id', 'channel', 's [m]', 'used', 'mounting q_LS (x y z w)', 'heading [°]'),
             [
                 (i, i - 1, f'{s:.4f}', 'yes' if used else 'no', _quaternion(q), f'{np.degrees(h):.2f}')
@@ -37,13 +37,13 @@ def describe(c: Configuration) -> str:
         ),
         '',
         'Models',
-        *_table(
+        *table(
             ('name', 'links', 'shortest [mm]', 'longest [mm]', 'topics'),
             [_model(c, name) for name in c.models],
         ),
         '',
         'Markers',
-        *_table(
+        *table(
             ('name', 's [m]'),
             [(name, f'{s:.4f}') for name, s in zip(c.markers.names, c.markers.positions, strict=True)],
         ),
@@ -73,7 +73,8 @@ def _quaternion(q: Sequence[float] | np.ndarray) -> str:
     return '[' + ', '.join(f'{v:.4g}' for v in q) + ']'
 
 
-def _table(head: Sequence[str], rows: Sequence[Sequence[object]]) -> list[str]:
+def table(head: Sequence[str], rows: Sequence[Sequence[object]]) -> list[str]:
+    """Lines of a table for the terminal."""
     if not rows:
         return ['  none']
     cells = [[str(cell) for cell in row] for row in [head, *rows]]

@@ -7,6 +7,7 @@ import numpy as np
 
 from sesa2.configuration import Configuration
 from sesa2.estimation.sweeps import Sweep, SweepAssembler
+from sesa2.imu.heading_filter import HeadingFilter
 from sesa2.imu.mounting import Mounting
 from sesa2.shape.joints import WARN_ANGLE, hold_x, joint_angles
 from sesa2.shape.missing import fill_missing
@@ -83,6 +84,7 @@ class Estimator:
         self._base_mounting = Mounting(
             np.array([configuration.imus.base_mount_orientation], dtype=float), np.zeros(1)
         )
+        self._heading_filter = HeadingFilter(self.arm) if configuration.imus.heading_filter else None
         self._in_world = configuration.arm.output_frame == 'world'
         self._models = {
             name: _Configured(
@@ -121,15 +123,18 @@ class Estimator:
         """
         stamps = np.array([sweep.stamp_ns for sweep in sweeps], dtype=np.int64)
         measured = np.stack([sweep.measured for sweep in sweeps])
-        base = self._bases(sweeps)
+        base = self.bases(sweeps)
         orientations = self._mounting.link_orientations(np.stack([sweep.orientations for sweep in sweeps]))
+        if self._heading_filter:
+            orientations = self._heading_filter.correct(stamps * 1e-9, orientations, measured, base)
         orientations = fill_missing(orientations, measured, self.arm, base)
         results = {
             name: self._fit(configured, orientations, base) for name, configured in self._models.items()
         }
         return Estimate(stamps, base, results)
 
-    def _bases(self, sweeps: Sequence[Sweep]) -> FloatArray:
+    def bases(self, sweeps: Sequence[Sweep]) -> FloatArray:
+        """Orientation of the base at each sweep, q_WB, (n, 4)."""
         measured = [sweep.base for sweep in sweeps if sweep.base is not None]
         if not measured:
             return np.broadcast_to(self._base, (len(sweeps), 4))

@@ -1,0 +1,79 @@
+"""The sweeps of a recording as arrays, as alignment and self-calibration take them."""
+
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from sesa2.bags.reading import ImuRecording
+from sesa2.bags.recording import open_recording
+from sesa2.configuration import Configuration
+from sesa2.errors import Sesa2Error
+from sesa2.estimation.estimator import Estimator
+from sesa2.shape.rotations import FloatArray
+
+
+class Sweeps(NamedTuple):
+    """Sweeps in order of time.
+
+    Attributes
+    ----------
+    stamps_ns : (n,)
+        ns.
+    orientations : (n, n_imu, 4)
+        q_WS as measured, x y z w, unit norm.
+    measured : (n, n_imu)
+        true where the IMU has measured.
+    base : (n, 4)
+        q_WB.
+    problems
+        of the recording, for people.
+    """
+
+    stamps_ns: np.ndarray
+    orientations: FloatArray
+    measured: np.ndarray
+    base: FloatArray
+    problems: list[str]
+
+
+def read_sweeps(path: str | Path, configuration: Configuration, first_id: int | None = None) -> Sweeps:
+    """Read a whole recording.
+
+    Parameters
+    ----------
+    path
+        of the recording.
+    configuration
+        says which IMUs are where.
+    first_id
+        for a bag of the ROS 1 predecessor: the ID in it that is IMU 1; the lowest where it is None.
+
+    Raises
+    ------
+    Sesa2Error
+        it is unusable, or has no sweep of the configured IMUs.
+    """
+    estimator = Estimator(configuration)
+    assembler = estimator.assembler()
+    imus = configuration.imus
+    indices = {i: index for index, i in enumerate([*imus.ids, imus.base_id] if imus.base_id else imus.ids)}
+    sweeps = []
+    with open_recording(path, first_id) as recording:
+        for sample in ImuRecording(recording).samples():
+            if (index := indices.get(sample.id)) is not None:
+                sweeps += assembler.add(index, *sample[1:6])
+        sweeps += assembler.flush()
+        problems = [
+            *recording.problems,
+            *(f'{n} samples not used: {why}' for why, n in assembler.dropped.items()),
+        ]
+    if not sweeps:
+        raise Sesa2Error(f'{path}: no sweep of the configured IMUs; {"; ".join(problems) or "no samples"}')
+    return Sweeps(
+        np.array([s.stamp_ns for s in sweeps]),
+        np.stack([s.orientations for s in sweeps]),
+        np.stack([s.measured for s in sweeps]),
+        np.array(estimator.bases(sweeps)),
+        problems,
+    )

@@ -1,0 +1,130 @@
+"""`sesa2 align`: mountings and headings from a recording, written into a new configuration."""
+
+import argparse
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from sesa2.commands.arguments import add_config, load_config, warn
+from sesa2.configuration import Configuration, files
+from sesa2.configuration.description import table
+from sesa2.errors import Sesa2Error
+from sesa2.shape.rotations import FloatArray
+
+# A twist of the whole arm beyond this (rad) is more than silicone does by itself, and is hard to tell from headings.
+_MUCH_TWIST = 0.1
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of the command."""
+    parser.add_argument(
+        'source', metavar='IN', type=Path, help='recording of the arm held straight, or with --self of motion'
+    )
+    add_config(parser)
+    parser.add_argument(
+        '--out', required=True, type=Path, metavar='F2', help='configuration to write; must not exist'
+    )
+    parser.add_argument(
+        '--headings', action='store_true', help='take the turn about the arm as error of heading'
+    )
+    parser.add_argument(
+        '--self',
+        action='store_true',
+        dest='motion',
+        help='from any motion, knowing that the arm bends smoothly and hardly twists',
+    )
+    parser.add_argument(
+        '--start', type=float, default=0.0, metavar='S', help='use the recording from here, s'
+    )
+    parser.add_argument(
+        '--duration', type=float, default=float('inf'), metavar='S', help='use so much of it, s'
+    )
+    parser.add_argument(
+        '--first-id', type=int, metavar='N', help='id in a ROS 1 bag that is IMU 1 (default: the lowest)'
+    )
+
+
+def run(options: argparse.Namespace) -> int:
+    """Learn, report, write."""
+    from sesa2.bags.sweeps import read_sweeps
+
+    c = load_config(options)
+    if options.out.exists():
+        raise Sesa2Error(f'{options.out}: exists already, expected the name of a new configuration')
+    sweeps = read_sweeps(options.source, c, options.first_id)
+    warn(sweeps.problems)
+    t = (sweeps.stamps_ns - sweeps.stamps_ns[0]) * 1e-9
+    chosen = (t >= options.start) & (t < options.start + options.duration)
+    if not chosen.any():
+        raise Sesa2Error(
+            f'{options.source}: no sweep from {options.start:g} s on; the recording has {t[-1]:.1f} s'
+        )
+    learn = _from_motion if options.motion else _from_straight_pose
+    mountings, headings = learn(
+        c,
+        t[chosen],
+        sweeps.orientations[chosen],
+        sweeps.measured[chosen],
+        sweeps.base[chosen],
+        options.headings,
+    )
+    options.out.write_text(files.dump(with_alignment(c, mountings, headings)), encoding='utf-8')
+    print(f'written to {options.out}')
+    return 0
+
+
+def with_alignment(c: Configuration, mountings: FloatArray, headings: FloatArray) -> Configuration:
+    """The configuration with other mountings, (n_imu, 4), and headings, (n_imu,)."""
+    imus = replace(
+        c.imus,
+        mount_orientations=tuple(np.round(mountings, 9).ravel().tolist()),
+        headings=tuple(np.round(headings, 9).tolist()),
+    )
+    return replace(c, imus=imus)
+
+
+def _from_straight_pose(
+    c: Configuration, t: FloatArray, q: FloatArray, measured: np.ndarray, base: FloatArray, headings: bool
+) -> tuple[FloatArray, FloatArray]:
+    from sesa2.imu.alignment import align_straight
+
+    found = align_straight(
+        q, measured, base, c.mountings, c.headings, ids=c.imus.ids, correct_headings=headings
+    )
+    degrees = np.rad2deg(found.corrections)
+    rows = [
+        (i, n, f'{x:+.2f} {y:+.2f}', f'{h:+.2f}', f'{np.rad2deg(left):+.2f}', f'{np.rad2deg(spread):.2f}')
+        for i, n, (x, y, h), left, spread in zip(
+            c.imus.ids, found.samples, degrees, found.unexplained, found.spread, strict=True
+        )
+    ]
+    head = ('IMU', 'samples', 'mounting x y [°]', 'heading [°]', 'left about z [°]', 'spread [°]')
+    print(f'straight pose of {t[-1] - t[0]:.1f} s')
+    print('\n'.join(table(head, rows)))
+    return found.mountings, found.headings
+
+
+def _from_motion(
+    c: Configuration, t: FloatArray, q: FloatArray, measured: np.ndarray, base: FloatArray, headings: bool
+) -> tuple[FloatArray, FloatArray]:
+    from sesa2.imu.self_calibration import self_calibrate
+
+    del headings  # motion tells them anyway
+    found = self_calibrate(t, q, measured, c.geometry, base, c.mountings, c.headings)
+    rows = [
+        (i, *(f'{np.rad2deg(v):+.2f} ± {np.rad2deg(s):.2f}' for v, s in zip(values, std, strict=True)))
+        for i, values, std in zip(c.imus.ids, found.corrections, found.std, strict=True)
+    ]
+    print(
+        f'{found.shapes} shapes in {found.seconds:.1f} s of motion; twist of the arm {np.rad2deg(found.twist):.1f}° rms'
+    )
+    print('\n'.join(table(('IMU', 'mounting x [°]', 'y [°]', 'z [°]', 'heading [°]'), rows)))
+    warn(found.untold(c.imus.ids))
+    if found.twist > _MUCH_TWIST:
+        warn(
+            [
+                f'the arm seems to twist by {np.rad2deg(found.twist):.1f}° rms; a steady twist looks like errors of heading'
+            ]
+        )
+    return found.mountings, found.headings
