@@ -30,6 +30,8 @@ _RECONNECT_S = 0.2
 _STATS_PERIOD_S = 1.0
 _SILENCE_S = 0.25
 _SILENT_SWEEPS = 10
+_UPTIME_WRAP_MS = 1 << 32
+_UPTIME_TOLERANCE_MS = 200  # the reply takes its time, and the clocks may differ by 1 %
 
 T = TypeVar('T')
 
@@ -228,8 +230,10 @@ class Session:
         if self.hello:
             # By the time that has passed: a young board may be older than its predecessor was at its first HELLO.
             passed_s = now_s - self._hello_s
-            missing_ms = self.hello.uptime_ms + 1000 * passed_s - hello.uptime_ms
-            reset = 500 + 10 * passed_s < missing_ms < 1 << 31
+            expected_ms = self.hello.uptime_ms + 1000 * passed_s
+            missing_ms = (expected_ms - hello.uptime_ms) % _UPTIME_WRAP_MS
+            missing_ms -= _UPTIME_WRAP_MS * (missing_ms > _UPTIME_WRAP_MS / 2)
+            reset = _UPTIME_TOLERANCE_MS + 10 * passed_s < missing_ms
             self._counters.board_resets += reset
         self.hello, self._hello_s = hello, now_s
         return reset

@@ -98,7 +98,7 @@ def in_portions(stream, rng):
 
 
 def most_wrong(dropped):
-    """How many wrong bodies chance allows: each damaged frame passes its CRC with 2⁻¹⁶; beyond this, once in 1e6 runs."""
+    """Wrong bodies that chance allows: a damaged frame passes its CRC with 2⁻¹⁶; more than this, once in 1e6 runs."""
     expected = dropped / 65536
     return expected + 5 * expected**0.5 + 5
 
@@ -130,7 +130,7 @@ def test_under_fire_no_frame_is_wrong_and_no_whole_one_is_missed():
     right = [body for body in got if body in sent]
     wrong = len(got) - len(right)
     missed = {body for body, is_whole in zip(bodies, whole, strict=True) if is_whole} - set(right)
-    assert 10_000 < decoder.errors.total
+    assert decoder.errors.total > 10_000
     assert wrong <= most_wrong(decoder.errors.total)
     assert not missed
     order = {body: k for k, body in enumerate(bodies)}

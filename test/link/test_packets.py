@@ -17,7 +17,7 @@ from sesa2.link.packets import (
     mask_of,
 )
 
-# Two IMUs, channels 0 and 2: the first runs, (w, x, y, z) = (1, 0, 0, 0), all scores 3; the second is absent after 15 errors.
+# Channels 0 and 2: the first runs, (w, x, y, z) = (1, 0, 0, 0), all scores 3; the second is absent, 15 errors.
 DATA = bytes.fromhex(
     '01 01 34 12 78 56 34 12 68 10 05'
     '03 ff 00 40 00 00 00 00 00 00'
