@@ -1,8 +1,8 @@
 """Single samples of the IMUs put together into sweeps, by the samples' own stamps alone."""
 
 import math
-from collections import Counter
-from collections.abc import Sequence
+from collections import Counter, deque
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -44,25 +44,31 @@ class Sweep(NamedTuple):
 
 
 class _Imu:
-    """What is known of one IMU: its last two samples."""
+    """What is known of one IMU: the samples that wait for a sweep, and the last that went into one."""
 
-    __slots__ = ('alive', 'before', 'before_ns', 'last', 'last_ns')
+    __slots__ = ('alive', 'last', 'last_ns', 'used', 'used_ns', 'waiting')
 
     def __init__(self) -> None:
-        self.alive = True
+        self.waiting: deque[tuple[int, Quaternion]] = deque()
         self.forget()
 
     def forget(self) -> None:
+        self.alive = True
+        self.waiting.clear()
         self.last: Quaternion | None = None
-        self.before: Quaternion | None = None
-        self.last_ns = self.before_ns = 0
+        self.used: Quaternion | None = None
+        self.last_ns = self.used_ns = 0
+
+    def use(self) -> None:
+        """Take the first waiting sample."""
+        self.used_ns, self.used = self.waiting.popleft()
 
 
 class SweepAssembler:
     """Gives a sweep when every living IMU has a newer sample, or when the timeout has passed.
 
     An IMU that a timed-out sweep had to do without is not waited for until it is heard again. Samples that cannot be
-    used are counted in `dropped`, by reason.
+    used are counted in `dropped`, by reason. Between IMUs samples may arrive in any order, as DDS may bring them.
 
     Parameters
     ----------
@@ -94,10 +100,6 @@ class SweepAssembler:
         self._interpolate = interpolate
         self._latency_ns = round(latency * NS)
         self._imus = [_Imu() for _ in self._used]
-        self._fresh: dict[
-            int, int
-        ] = {}  # IMUs with a sample since the last sweep, in order of arrival, and its stamp
-        self._newest_ns = 0
         self.dropped: Counter[str] = Counter()
         self.resets = 0
         self.reset()
@@ -105,11 +107,11 @@ class SweepAssembler:
     def reset(self) -> None:
         """Forget all samples, as at the start of a recording."""
         for imu in self._imus:
-            imu.alive = True
             imu.forget()
-        self._fresh.clear()
-        self._newest_ns = 0
         self._n_alive = sum(self._used)
+        self._n_waiting = 0  # IMUs with a sample that waits; all of them are alive
+        self._oldest_ns = 0  # stamp of the first sample that waits
+        self._newest_ns = 0
 
     @property
     def alive(self) -> list[bool]:
@@ -130,7 +132,7 @@ class SweepAssembler:
 
         Returns
         -------
-        The sweeps that are complete now: none, one, or two where a timeout closed one and this completes another.
+        The sweeps that are complete now, in order of time: mostly none or one; several after a timeout.
         """
         if not self._used[index]:
             return []
@@ -141,38 +143,35 @@ class SweepAssembler:
             if self._newest_ns - stamp_ns <= RESET_NS:
                 self.dropped['not newer than the last of its IMU'] += 1
                 return []
-            sweeps += self.flush()
+            sweeps = self.flush()
             self.reset()
             self.resets += 1
         q = self._usable(imu, stamp_ns, x, y, z, w)
         if q is None:
             return sweeps
-        if self._fresh and stamp_ns - next(iter(self._fresh.values())) > self._timeout_ns:
-            sweeps += self.flush()
-        imu.before, imu.before_ns = imu.last, imu.last_ns
         imu.last, imu.last_ns = q, stamp_ns
-        self._newest_ns = max(self._newest_ns, stamp_ns)
+        if not imu.waiting:
+            self._oldest_ns = min(self._oldest_ns, stamp_ns) if self._n_waiting else stamp_ns
+            self._n_waiting += 1
+        imu.waiting.append((stamp_ns, q))
+        if stamp_ns > self._newest_ns:
+            self._newest_ns = stamp_ns
         if not imu.alive:
             imu.alive = True
             self._n_alive += 1
-        self._fresh.setdefault(index, stamp_ns)
-        if len(self._fresh) == self._n_alive and self._is_one_sweep():
-            sweeps += self._close()
-        return sweeps
+        if self._n_waiting < self._n_alive:
+            if self._newest_ns - self._oldest_ns <= self._timeout_ns:
+                return sweeps
+            self._give_up_the_silent()
+        return sweeps + self._complete()
 
     def flush(self) -> list[Sweep]:
-        """Close the sweep that waits for missing IMUs, if there is one: at a timeout and at the end of a recording."""
-        if not self._fresh:
-            return []
-        for index, imu in enumerate(self._imus):
-            if self._used[index] and imu.alive and index not in self._fresh:
-                imu.alive = False
-                self._n_alive -= 1
-        return self._close()
-
-    def waiting_since(self) -> int | None:
-        """Stamp of the first sample of a sweep that is not complete, ns."""
-        return next(iter(self._fresh.values()), None)
+        """Close the sweeps that wait for missing IMUs: at a timeout by the clock, and at the end of a recording."""
+        sweeps: list[Sweep] = []
+        while self._n_waiting:
+            self._give_up_the_silent()
+            sweeps += self._complete()
+        return sweeps
 
     def _usable(self, imu: _Imu, stamp_ns: int, x: float, y: float, z: float, w: float) -> Quaternion | None:
         """The sample's unit quaternion, or None after counting why it is none."""
@@ -194,66 +193,88 @@ class SweepAssembler:
                 return None
         return x, y, z, w
 
-    def _is_one_sweep(self) -> bool:
-        """Whether the complete set of samples was taken in one go.
+    def _give_up_the_silent(self) -> None:
+        for imu, used in zip(self._imus, self._used, strict=True):
+            if used and imu.alive and not imu.waiting:
+                imu.alive = False
+                self._n_alive -= 1
 
-        After a lost sample, or when listening began in the middle, the set may begin with the end of one sweep and end
-        with the beginning of the next. Then its largest gap is much longer than the pause before the next round would
-        be; the samples before the gap are let go, and the set is completed by those that follow.
+    def _complete(self) -> list[Sweep]:
+        """Sweeps, as long as every living IMU has a sample that waits."""
+        sweeps: list[Sweep] = []
+        while self._n_waiting and self._n_waiting == self._n_alive:
+            members = [(imu.waiting[0][0], index) for index, imu in enumerate(self._imus) if imu.waiting]
+            members = self._catch_up(members)
+            left_out = self._left_over(members)
+            if left_out:
+                self._let_go(left_out)
+                self.dropped['of a sweep that was not whole'] += len(left_out)
+            elif self._has_base and self._on_base() is None:
+                self._let_go([index for _, index in members])
+                self.dropped['of a sweep without the orientation of the base'] += len(members)
+            else:
+                sweep = self._sweep(members)
+                self._let_go([index for _, index in members])
+                if sweep.measured.any():
+                    sweeps.append(sweep)
+        return sweeps
+
+    def _catch_up(self, members: list[tuple[int, int]]) -> list[tuple[int, int]]:
+        """Pass over samples of faster IMUs that are older than need be; (stamp, index) of the first waiting ones."""
+        newest = max(members)[0]
+        out = []
+        for _, index in members:
+            imu = self._imus[index]
+            while len(imu.waiting) > 1 and imu.waiting[1][0] <= newest:
+                imu.use()
+            out.append((imu.waiting[0][0], index))
+        return out
+
+    def _left_over(self, members: list[tuple[int, int]]) -> list[int]:
+        """IMUs whose sample is the end of the sweep before.
+
+        After a lost sample, or when listening began in the middle, a full set may begin with the end of one sweep and
+        end with the beginning of the next. Then its largest gap is much longer than the pause before the next round
+        would be; the samples before the gap are let go, and the set is completed by those that follow.
         """
-        stamps = sorted((self._imus[i].last_ns, i) for i in self._fresh)
-        span = stamps[-1][0] - stamps[0][0]
-        periods = [
-            imu.last_ns - imu.before_ns
-            for imu in (self._imus[i] for i in self._fresh)
-            if imu.before is not None
-        ]
+        members = sorted(members)
+        span = members[-1][0] - members[0][0]
+        imus = [(self._imus[index], stamp) for stamp, index in members]
+        periods = [stamp - imu.used_ns for imu, stamp in imus if imu.used is not None]
         if not periods or 2 * span <= min(periods):
-            return True
-        gap, cut = max((stamps[k + 1][0] - stamps[k][0], k + 1) for k in range(len(stamps) - 1))
-        pause = min(periods) - span
-        if gap <= 2 * pause or 4 * gap <= min(periods):
-            return True
-        for _, index in stamps[:cut]:
-            del self._fresh[index]
-        self._fresh = {index: stamp for stamp, index in stamps[cut:]}
-        self.dropped['of a sweep that was not whole'] += cut
-        return False
-
-    def _close(self) -> list[Sweep]:
-        if self._has_base and (self._imus[self.n_imu].last is None or set(self._fresh) == {self.n_imu}):
-            self.dropped['of a sweep without the base, or with nothing but it'] += len(self._fresh)
-            self._fresh.clear()
             return []
-        stamps = [self._imus[i].last_ns for i in self._fresh]
+        gap, cut = max((members[k + 1][0] - members[k][0], k + 1) for k in range(len(members) - 1))
+        pause = min(periods) - span
+        if gap <= 2 * pause or 2.5 * gap <= min(periods):
+            return []
+        return [index for _, index in members[:cut]]
+
+    def _let_go(self, indices: Iterable[int]) -> None:
+        for index in indices:
+            imu = self._imus[index]
+            imu.use()
+            self._n_waiting -= not imu.waiting
+        self._oldest_ns = min((imu.waiting[0][0] for imu in self._imus if imu.waiting), default=0)
+
+    def _on_base(self) -> Quaternion | None:
+        imu = self._imus[self.n_imu]
+        return imu.waiting[0][1] if imu.waiting else imu.used
+
+    def _sweep(self, members: list[tuple[int, int]]) -> Sweep:
         orientations = np.zeros((self.n_imu, 4))
         orientations[:, 3] = 1.0
         measured = np.zeros(self.n_imu, dtype=bool)
-        for index in self._fresh:
+        stamp_ns = min(members)[0] if self._interpolate else max(members)[0]
+        base = np.array(self._on_base()) if self._has_base else None
+        for stamp, index in members:
+            imu = self._imus[index]
+            q: Quaternion | FloatArray = imu.waiting[0][1]
+            if self._interpolate and imu.used is not None and stamp > stamp_ns >= imu.used_ns:
+                fraction = (stamp_ns - imu.used_ns) / (stamp - imu.used_ns)
+                q = slerp(np.array(imu.used), np.array(q), fraction)
             if index < self.n_imu:
-                orientations[index] = self._imus[index].last
+                orientations[index] = q
                 measured[index] = True
-        base = None
-        if self._has_base:
-            on_base = self._imus[self.n_imu].last
-            base = None if on_base is None else np.array(on_base)
-        stamp_ns = max(stamps)
-        if self._interpolate:
-            stamp_ns = min(stamps)
-            self._to_instant(stamp_ns, orientations, measured)
-            if base is not None:
-                base = self._at(self._imus[self.n_imu], stamp_ns)
-        self._fresh.clear()
-        return [Sweep(stamp_ns, orientations, measured, base)]
-
-    def _to_instant(self, stamp_ns: int, orientations: FloatArray, measured: np.ndarray) -> None:
-        for index in np.flatnonzero(measured):
-            orientations[index] = self._at(self._imus[index], stamp_ns)
-
-    @staticmethod
-    def _at(imu: _Imu, stamp_ns: int) -> FloatArray:
-        """Orientation at an instant between the last two samples; the last one where there is no earlier."""
-        last = np.array(imu.last)
-        if imu.before is None or not imu.before_ns <= stamp_ns < imu.last_ns:
-            return last
-        return slerp(np.array(imu.before), last, (stamp_ns - imu.before_ns) / (imu.last_ns - imu.before_ns))
+            else:
+                base = np.array(q)
+        return Sweep(stamp_ns, orientations, measured, base)

@@ -41,6 +41,8 @@ class EstimatorNode(rclpy.node.Node):
         the newest estimate, of one sweep.
     n_sweeps
         number of sweeps estimated.
+    received
+        number of messages of each IMU.
     """
 
     def __init__(self, **options: Any):
@@ -68,7 +70,7 @@ class EstimatorNode(rclpy.node.Node):
             for index, i in enumerate(self._ids)
             if self._used[index]
         ]
-        self._received = Counter[int]()
+        self.received = Counter[int]()
         self._unreadable = 0
         self._near_singular = Counter[str]()
         self._last_report = (time.monotonic(), Counter[int](), 0)
@@ -77,10 +79,10 @@ class EstimatorNode(rclpy.node.Node):
         self._diagnostics = Diagnostics(self, 'arm', self._report)
 
     def _take(self, index: int) -> Callable[[bytes], None]:
-        add, received = self.assembler.add, self._ids[index]
+        add, imu = self.assembler.add, self._ids[index]
 
         def take(data: bytes) -> None:
-            self._received[received] += 1
+            self.received[imu] += 1
             self._last_arrival = time.monotonic()
             try:
                 sample = read_imu(data)
@@ -118,7 +120,7 @@ class EstimatorNode(rclpy.node.Node):
             if not self._used[index]:
                 parts.append((f'imu_{imu}', OK, 'not enabled; interpolated from its neighbours', {}))
                 continue
-            rate = (self._received[imu] - before[1][imu]) / elapsed
+            rate = (self.received[imu] - before[1][imu]) / elapsed
             publishers = self.count_publishers(f'imu_{imu}/data')
             level, text = OK, f'{rate:.1f} Hz'
             if publishers > 1:
@@ -145,7 +147,7 @@ class EstimatorNode(rclpy.node.Node):
                 text = f'{n} sweeps with a joint beyond 80° about z: joint angles are near their singularity'
                 parts.append((name, WARN, text, {'near_singular': n}))
         self._near_singular.clear()
-        self._last_report = (now, Counter(self._received), self.n_sweeps)
+        self._last_report = (now, Counter(self.received), self.n_sweeps)
         return parts
 
 

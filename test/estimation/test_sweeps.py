@@ -54,8 +54,9 @@ def test_an_unplugged_imu_costs_one_timeout_and_comes_back():
     times = np.array([s.stamp_ns for s in sweeps])
     missing = [s for s in sweeps if not s.measured[2]]
     assert all(s.measured[[0, 1, 3]].all() for s in sweeps)
-    assert len(missing) == 5  # of the ten without it, the first five passed until the timeout
-    assert np.diff(times).max() <= 61 * MS
+    assert len(missing) == 10  # late by the timeout, but none is lost
+    assert len(sweeps) == 30
+    assert (np.diff(times) > 0).all()
     assert sweeps[-1].measured.all()
 
 
@@ -86,6 +87,19 @@ def test_imus_read_back_to_back_are_taken_as_they_come(n_imu):
     a = SweepAssembler([True] * n_imu)
     assert len(feed(a, samples)) == 50
     assert not a.dropped
+
+
+def test_samples_may_arrive_in_any_order_between_imus():
+    rng = np.random.default_rng(8)
+    samples = list(board(60))
+    expected = [t for i, t in samples if i == 3]
+    for _ in range(20):
+        # Each IMU's own samples stay in order; between IMUs they are late by up to three sweeps.
+        late = rng.integers(0, 30 * MS, size=4)
+        shuffled = sorted(samples, key=lambda s: s[1] + late[s[0]])
+        sweeps = feed(SweepAssembler([True] * 4), shuffled)
+        assert [s.stamp_ns for s in sweeps] == expected
+        assert all(s.measured.all() for s in sweeps)
 
 
 def test_imus_of_different_rates_give_results_at_the_slowest():
@@ -179,4 +193,4 @@ def test_the_base_imu_is_waited_for_and_held():
 def test_no_shape_without_an_orientation_of_the_base():
     a = SweepAssembler([True], has_base=True)
     assert feed(a, [(0, 10**12 + k * 10 * MS) for k in range(1, 20)]) == []
-    assert a.dropped['of a sweep without the base, or with nothing but it'] > 0
+    assert a.dropped['of a sweep without the orientation of the base'] > 0
