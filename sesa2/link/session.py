@@ -156,7 +156,10 @@ class Session:
         if self._stopping.is_set():
             port.cancel()
         try:
+            errors_before = self._decoder.errors
             self._greet(self._board)
+            self._counters.stray_frames += self._decoder.errors.total - errors_before.total
+            self._decoder.errors = errors_before
             self._set_up(self._board)
         except BaseException:
             self._disconnect()
@@ -220,11 +223,7 @@ class Session:
 
     def _greet(self, board: Board) -> bool:
         """Say HELLO; whether the board was reset since the last time."""
-        errors_before = self._decoder.errors
         hello = board.hello()
-        stray = self._decoder.errors.total - errors_before.total
-        self._decoder.errors = errors_before
-        self._counters.stray_frames += stray
         now_s = time.monotonic()
         reset = False
         if self.hello:

@@ -86,6 +86,7 @@ def test_refused_requests(body, message):
     ('body', 'message'),
     [
         ('8a 01 07', 'at least 4 bytes'),
+        ('0a 01 07 00', '10 is no reply'),
         ('ff 01 07 00', '127'),
         ('8a 01 07 05', '5'),
         ('8a 01 07 00', 'HELLO is answered OK with 7 bytes, got 0'),

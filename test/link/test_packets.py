@@ -3,11 +3,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from sesa2.imu.scores import Scores
 from sesa2.link.errors import PacketError
 from sesa2.link.packets import (
     Acceleration,
     Data,
-    Scores,
     State,
     Sweep,
     decode_stream,
@@ -15,6 +15,8 @@ from sesa2.link.packets import (
     encode_data,
     ids_of,
     mask_of,
+    register_of,
+    scores_of,
 )
 
 # Channels 0 and 2: the first runs, (w, x, y, z) = (1, 0, 0, 0), all scores 3; the second is absent, 15 errors.
@@ -55,8 +57,8 @@ def test_golden_acceleration():
 
 
 def test_register_0x35():
-    assert Scores.from_register(0b11_10_01_00) == Scores(sys=3, gyro=2, accel=1, mag=0)
-    assert all(Scores.from_register(value).register == value for value in range(256))
+    assert scores_of(0b11_10_01_00) == Scores(sys=3, gyro=2, accel=1, mag=0)
+    assert all(register_of(scores_of(value)) == value for value in range(256))
 
 
 def test_ids_are_channels_plus_one():

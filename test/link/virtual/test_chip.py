@@ -3,8 +3,9 @@ from random import Random
 import pytest
 
 from sesa2.imu.offsets import Offsets
+from sesa2.imu.scores import Scores
 from sesa2.link.commands import FusionMode
-from sesa2.link.packets import Scores
+from sesa2.link.packets import scores_of
 from sesa2.link.virtual.chip import BOOT_US, Chip
 
 OFFSETS = Offsets((1, 2, 3), (4, 5, 6), (7, 8, 9), 10, 11).to_registers()
@@ -17,7 +18,7 @@ def chip():
 
 
 def scores(chip, now_us):
-    return Scores.from_register(chip.calib(now_us))
+    return scores_of(chip.calib(now_us))
 
 
 def test_scores_grow_to_the_full(chip):

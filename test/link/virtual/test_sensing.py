@@ -7,7 +7,8 @@ RNG = np.random.default_rng(0)
 
 
 def random_quaternions(*shape):
-    return Rotation.random(int(np.prod(shape)), rng=RNG).as_quat().reshape(*shape, 4)
+    q = RNG.normal(size=(*shape, 4))
+    return q / np.linalg.norm(q, axis=-1, keepdims=True)
 
 
 LINKS, MOUNTS = random_quaternions(3), random_quaternions(3)
