@@ -4,6 +4,7 @@ import argparse
 import os
 import signal
 import sys
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -147,12 +148,31 @@ def _board(options: argparse.Namespace) -> int:
 def _replay(options: argparse.Namespace) -> int:
     from sesa2.bags.replay import replay
 
-    c = _load(options)
-    if options.models:
-        c = files.parse(files.dump(replace(c, models=options.models)), options.config)
-    summary = replay(options.source, c, options.out, first_id=options.first_id)
-    print(summary)
+    began = time.perf_counter()
+    summary = replay(
+        options.source,
+        _load(options),
+        options.out,
+        models=options.models,
+        first_id=options.first_id,
+        progress=_progress('replay') if sys.stderr.isatty() else None,
+    )
+    took = time.perf_counter() - began
+    for warning in summary.warnings:
+        print(f'warning: {warning}', file=sys.stderr)
+    print(
+        f'{options.out}: {summary.sweeps} sweeps of {summary.duration:.1f} s in {took:.1f} s '
+        f'({summary.duration / took:.0f} × real time), {sum(summary.messages.values())} messages'
+    )
     return 0
+
+
+def _progress(what: str) -> Callable[[int, int], None]:
+    def show(done: int, total: int) -> None:
+        end = '\n' if done >= total else ''
+        print(f'\r{what}: {100 * done // max(total, 1)} %', end=end, file=sys.stderr, flush=True)
+
+    return show
 
 
 if __name__ == '__main__':

@@ -74,11 +74,10 @@ class Player(rclpy.node.Node):
         try:
             self._wait_for_listeners()
             while not self._stop.is_set():
-                played = self._play_once()
+                if not self._play_once() and not self._stop.is_set():
+                    self.failure = Sesa2Error(f'{self._run.bag}: nothing to play after {self._run.start:g} s')
                 self._rounds += 1
-                if not played:
-                    raise Sesa2Error(f'{self._run.bag}: nothing to play after {self._run.start:g} s')
-                if not self._run.loop:
+                if self.failure or not self._run.loop:
                     break
             for problem in self._recording.problems:
                 self.get_logger().warning(problem)

@@ -27,7 +27,9 @@ def test_frames_do_not_matter(motion):
     truth = motion.record(100.0)
     turn = Rotation.from_euler('zyx', (2.5, 0.4, -1.0))
     moved = Trajectory(
-        truth.times + 3.0, turn.apply(truth.positions.reshape(-1, 3)).reshape(-1, 2, 3) + 5.0, truth.names
+        truth.times + 3.0,
+        turn.apply(truth.positions.reshape(-1, 3).copy()).reshape(-1, 2, 3) + 5.0,
+        truth.names,
     )
     assert abs(find_time_offset(motion.record(31.0), moved).seconds - 3.0) < 5e-4
 
