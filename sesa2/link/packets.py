@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from sesa2.imu.scores import Scores
 from sesa2.link.errors import PacketError
+from sesa2.link.framing import FRAMING_BYTES
 
 VERSION = 1
 """The protocol version that this package speaks."""
@@ -103,6 +104,11 @@ class Data(NamedTuple):
     calib: bytes
 
     @property
+    def line_bytes(self) -> int:
+        """Bytes of the packet's frame."""
+        return FRAMING_BYTES + _HEAD.size + _ENTRY.itemsize * len(self.health)
+
+    @property
     def states(self) -> list[State]:
         """State of each IMU."""
         return [State(health & 0x0F) for health in self.health]
@@ -129,6 +135,11 @@ class Acceleration(NamedTuple):
 
     sweep: Sweep
     accelerations: NDArray[np.float64]
+
+    @property
+    def line_bytes(self) -> int:
+        """Bytes of the packet's frame."""
+        return FRAMING_BYTES + _HEAD.size + 6 * len(self.accelerations)
 
 
 def decode_stream(body: bytes) -> Data | Acceleration:

@@ -5,6 +5,7 @@ from hypothesis import strategies as st
 
 from sesa2.imu.scores import Scores
 from sesa2.link.errors import PacketError
+from sesa2.link.framing import encode_frame
 from sesa2.link.packets import (
     Acceleration,
     Data,
@@ -54,6 +55,11 @@ def test_golden_acceleration():
     assert acceleration.sweep == SWEEP
     np.testing.assert_allclose(acceleration.accelerations, [[0.01, -0.02, 9.81], [np.nan] * 3], atol=1e-12)
     assert encode_acceleration(SWEEP, acceleration.accelerations) == ACCELERATION
+
+
+def test_bytes_on_the_line():
+    for body in (DATA, ACCELERATION):
+        assert decode_stream(body).line_bytes == len(encode_frame(body))
 
 
 def test_register_0x35():

@@ -82,7 +82,7 @@ def test_stamps_lead_to_the_truth(make_board, make_session, recorder):
     session = make_session(saved={})
     recorder.wait(lambda: states(session) == RUN)
     recorder.wait_for_sweeps(200)
-    offset_ns = session._wall.of(0)
+    offset_ns = session._intake.wall.of(0)
     errors_ms = [
         1e3
         * (virtual.motion_time(stamps_ns[0] - offset_ns) - virtual.motion_time_of(data.sweep.t_us + 262.5))
