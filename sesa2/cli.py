@@ -12,6 +12,8 @@ from pathlib import Path
 from sesa2.configuration import Configuration, files
 from sesa2.configuration.description import describe
 from sesa2.errors import Sesa2Error
+from sesa2.nodes.signals import stop_on_signals
+from sesa2.nodes.simulation import make_virtual_board
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -33,6 +35,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     except KeyboardInterrupt:
+        print('interrupted', file=sys.stderr)
         return 128 + signal.SIGINT
 
 
@@ -127,8 +130,6 @@ def _check(options: argparse.Namespace) -> int:
 
 
 def _run(options: argparse.Namespace) -> int:
-    from sesa2.nodes.system import run  # ROS takes a second to import, which the other commands do without
-
     c = _load(options)
     given = {k: getattr(options, k) for k in ('source', 'mode', 'bag', 'rate', 'start', 'loop', 'clock')}
     c = replace(c, run=replace(c.run, **{k: v for k, v in given.items() if v is not None}))
@@ -136,13 +137,22 @@ def _run(options: argparse.Namespace) -> int:
         c = replace(c, serial=replace(c.serial, port=options.port))
     if options.record is not None:
         c = replace(c, record=replace(c.record, file=options.record))
-    return run(files.parse(files.dump(c), options.config), duration=options.duration)
+    c = files.parse(files.dump(c), options.config)
+    with stop_on_signals() as stop:
+        from sesa2.nodes.system import (
+            run,
+        )  # ROS takes a second to import, which the other commands do without
+
+        run(c, stop, options.duration)
+    return 0
 
 
 def _board(options: argparse.Namespace) -> int:
-    from sesa2.nodes.system import virtual_board
-
-    return virtual_board(_load(options), options.link)
+    with stop_on_signals() as stop, make_virtual_board(_load(options), options.link) as board:
+        print(f'virtual board on {board.path}; in another terminal:')
+        print(f'  sesa2 run --config {options.config} --source serial --port {board.path}')
+        stop.wait()
+    return 0
 
 
 def _replay(options: argparse.Namespace) -> int:

@@ -1,10 +1,8 @@
 """Running nodes in a process: started with clear errors, ended cleanly by Ctrl-C or SIGTERM."""
 
-import signal
 import sys
-import threading
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from itertools import pairwise
 from typing import Any
 
@@ -15,21 +13,10 @@ from rclpy.signals import SignalHandlerOptions
 
 from sesa2.configuration import files
 from sesa2.errors import Sesa2Error
+from sesa2.nodes.signals import stop_on_signals
 
 # The executor hangs for good without a finite timeout, and Python sees a signal only between two waits.
 _WAIT_S = 0.1
-
-
-@contextmanager
-def stop_on_signals() -> Iterator[threading.Event]:
-    """An event that SIGINT and SIGTERM set."""
-    stop = threading.Event()
-    before = {s: signal.signal(s, lambda *_: stop.set()) for s in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        yield stop
-    finally:
-        for s, handler in before.items():
-            signal.signal(s, handler)
 
 
 @contextmanager
@@ -56,28 +43,37 @@ def ros(arguments: Sequence[str] | None = None) -> Iterator[None]:
         rclpy.try_shutdown()
 
 
-def spin(nodes: Sequence[Node], until: Callable[[], bool]) -> None:
-    """Run nodes until asked to stop, then end them in order.
+class Spinner:
+    """Runs nodes; a context manager that ends them all."""
 
-    Parameters
-    ----------
-    nodes
-        those with a `close` method have it called before they are destroyed.
-    until
-        asked after every event and at least ten times a second.
-    """
-    executor = EventsExecutor()
-    with ExitStack() as stack:
-        stack.callback(executor.shutdown)
-        for node in nodes:
-            executor.add_node(node)
-            stack.callback(node.destroy_node)
-        for node in nodes:
-            close = getattr(node, 'close', None)
-            if close:
-                stack.callback(close)
-        while not until():
-            executor.spin_once(timeout_sec=_WAIT_S)
+    def __init__(self) -> None:
+        self._executor = EventsExecutor()
+        self._nodes: list[Node] = []
+
+    def add(self, node: Node) -> None:
+        """Run a node too."""
+        self._executor.add_node(node)
+        self._nodes.append(node)
+
+    def remove(self, node: Node) -> None:
+        """End a node: its own `close`, where it has one, while ROS still serves it; then the node."""
+        self._nodes.remove(node)
+        if hasattr(node, 'close'):
+            node.close()
+        self._executor.remove_node(node)
+        node.destroy_node()
+
+    def spin_once(self) -> None:
+        """Do what is to be done; waits a tenth of a second at most."""
+        self._executor.spin_once(timeout_sec=_WAIT_S)
+
+    def __enter__(self) -> 'Spinner':
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        while self._nodes:
+            self.remove(self._nodes[-1])
+        self._executor.shutdown()
 
 
 def run_alone(make: Callable[[], Any]) -> int:
@@ -94,11 +90,12 @@ def run_alone(make: Callable[[], Any]) -> int:
     """
     with stop_on_signals() as stop:
         try:
-            with ros():
+            with ros(), Spinner() as spinner:
                 node = make()
-                spin([node], lambda: stop.is_set() or getattr(node, 'finished', False))
-                failure = getattr(node, 'failure', None)
-                if failure:
+                spinner.add(node)
+                while not (stop.is_set() or getattr(node, 'finished', False)):
+                    spinner.spin_once()
+                if failure := getattr(node, 'failure', None):
                     raise failure
         except Sesa2Error as error:
             print(f'error: {error}', file=sys.stderr)
