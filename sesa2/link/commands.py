@@ -220,6 +220,8 @@ def decode_reply(body: bytes) -> Reply:
     """
     if len(body) < 4:
         raise PacketError(f'a reply has at least 4 bytes, got {len(body)}')
+    if not is_reply(body):
+        raise PacketError(f'{body[0]} is no reply to a command')
     try:
         command, result = Command(body[0] & ~_REPLY), Result(body[3])
     except ValueError as error:

@@ -12,7 +12,10 @@ from cobs import cobs
 MAX_BODY = 91
 """Bytes of the longest body, a DATA packet of eight IMUs."""
 
-_MAX_FRAME = MAX_BODY + 2 + 1  # CRC, and the one code byte that COBS adds below 254 bytes
+FRAMING_BYTES = 4
+"""What a frame adds to its body: CRC, the one code byte that COBS needs below 254 bytes, and the delimiter."""
+
+_MAX_FRAME = MAX_BODY + FRAMING_BYTES - 1  # without the delimiter
 
 
 class FrameErrors(NamedTuple):

@@ -11,7 +11,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from sesa2.imu.scores import Scores
 from sesa2.link.errors import PacketError
+from sesa2.link.framing import FRAMING_BYTES
 
 VERSION = 1
 """The protocol version that this package speaks."""
@@ -36,23 +38,14 @@ class State(IntEnum):
     RUN = 3
 
 
-class Scores(NamedTuple):
-    """Calibration scores of a chip, 0 (not calibrated) to 3, as in register 0x35."""
+def scores_of(register: int) -> Scores:
+    """Calibration scores in a value of register 0x35."""
+    return Scores(register >> 6, register >> 4 & 3, register >> 2 & 3, register & 3)
 
-    sys: int
-    gyro: int
-    accel: int
-    mag: int
 
-    @classmethod
-    def from_register(cls, value: int) -> 'Scores':
-        """From the byte of register 0x35."""
-        return cls(value >> 6, value >> 4 & 3, value >> 2 & 3, value & 3)
-
-    @property
-    def register(self) -> int:
-        """The byte of register 0x35."""
-        return self.sys << 6 | self.gyro << 4 | self.accel << 2 | self.mag
+def register_of(scores: Scores) -> int:
+    """The value of register 0x35 with these scores."""
+    return scores.sys << 6 | scores.gyro << 4 | scores.accel << 2 | scores.mag
 
 
 _IDS = [tuple(k + 1 for k in range(CHANNELS) if mask >> k & 1) for mask in range(256)]
@@ -102,13 +95,18 @@ class Data(NamedTuple):
     health
         n bytes, ``errors << 4 | state``; see `states` and `errors`.
     calib
-        n bytes, register 0x35; see `Scores`. One IMU's is refreshed per sweep.
+        n bytes, register 0x35; see `scores`. One IMU's is refreshed per sweep.
     """
 
     sweep: Sweep
     orientations: NDArray[np.float64]
     health: bytes
     calib: bytes
+
+    @property
+    def line_bytes(self) -> int:
+        """Bytes of the packet's frame."""
+        return FRAMING_BYTES + _HEAD.size + _ENTRY.itemsize * len(self.health)
 
     @property
     def states(self) -> list[State]:
@@ -123,7 +121,7 @@ class Data(NamedTuple):
     @property
     def scores(self) -> list[Scores]:
         """Calibration scores of each IMU."""
-        return [Scores.from_register(calib) for calib in self.calib]
+        return [scores_of(calib) for calib in self.calib]
 
 
 class Acceleration(NamedTuple):
@@ -137,6 +135,11 @@ class Acceleration(NamedTuple):
 
     sweep: Sweep
     accelerations: NDArray[np.float64]
+
+    @property
+    def line_bytes(self) -> int:
+        """Bytes of the packet's frame."""
+        return FRAMING_BYTES + _HEAD.size + 6 * len(self.accelerations)
 
 
 def decode_stream(body: bytes) -> Data | Acceleration:

@@ -17,19 +17,19 @@ from typing import Any, TypeVar
 
 from sesa2.imu.offsets import Offsets
 from sesa2.link.board import Board
-from sesa2.link.clock import BoardClock, WallClock
 from sesa2.link.commands import Configuration, FusionMode, Hello, Stats, Stream
 from sesa2.link.errors import CommandError, LinkError, ProtocolVersionError
 from sesa2.link.framing import FrameDecoder
-from sesa2.link.packets import Acceleration, Data, State, mask_of
+from sesa2.link.intake import Intake
+from sesa2.link.packets import mask_of
 from sesa2.link.port import SerialPort
 from sesa2.link.status import Counters, Event, Handler, ImuStatus, Level, OffsetsState
 
 _TURN_S = 0.05
 _RECONNECT_S = 0.2
 _STATS_PERIOD_S = 1.0
-_SILENCE_S = 0.25
-_SILENT_SWEEPS = 10
+_UPTIME_WRAP_MS = 1 << 32
+_UPTIME_TOLERANCE_MS = 200  # the reply takes its time, and the clocks may differ by 1 %
 
 T = TypeVar('T')
 
@@ -76,27 +76,15 @@ class Session:
         self._saved = saved
         self._board: Board | None = None
         self._decoder = FrameDecoder()
-        self._clock = BoardClock()
-        self._wall = WallClock()
         self._counters = Counters()
+        self._intake = Intake(settings.ids, settings.baud, settings.rate_hz, handler, self._counters)
         self._jobs: SimpleQueue[tuple[Callable[[Board], Any], Future[Any]]] = SimpleQueue()
         self._stopping = threading.Event()
         self._offsets = dict.fromkeys(settings.ids, OffsetsState.NONE_SAVED)
         self._trouble = ''
         self._hello_s = 0.0
-        self._streaming = False
-        self._patience_s = max(_SILENCE_S, _SILENT_SWEEPS / settings.rate_hz)
-        self._silent_since_s = 0.0
-        self._stamped_seq: int | None = None
-        self._stamp_ns = 0
-        self._data: Data | None = None
-        self._data_s: float | None = None
-        self._data_seq: int | None = None
-        self._health = b''
         self._stats_due_s = 0.0
         self._comebacks_known: tuple[int, ...] = (0,) * 8
-        self._absent: set[int] = set()
-        self._returned: set[int] = set()
 
     # Any thread
 
@@ -119,12 +107,12 @@ class Session:
             frame_errors=self._decoder.errors,
             malformed=self._counters.malformed + (board.malformed if board else 0),
             retries=self._counters.retries + (board.retries if board else 0),
-            clock_jumps=self._clock.jumps,
+            clock_jumps=self._intake.clock.jumps,
         )
 
     def imus(self) -> dict[int, ImuStatus]:
         """How each IMU was in the latest sweep; empty before the first."""
-        data = self._data
+        data = self._intake.latest
         if data is None:
             return {}
         rows = zip(data.sweep.ids, data.states, data.errors, data.scores, strict=True)
@@ -150,11 +138,14 @@ class Session:
         """
         port = SerialPort(self.settings.port, self.settings.baud)
         self._decoder.resynchronise()
-        self._board = Board(port, self._on_packet, self._decoder)
+        self._board = Board(port, self._intake.take, self._decoder)
         if self._stopping.is_set():
             port.cancel()
         try:
+            errors_before = self._decoder.errors
             self._greet(self._board)
+            self._counters.stray_frames += self._decoder.errors.total - errors_before.total
+            self._decoder.errors = errors_before
             self._set_up(self._board)
         except BaseException:
             self._disconnect()
@@ -199,7 +190,8 @@ class Session:
         self._stopping.wait(_RECONNECT_S)
 
     def _disconnect(self) -> None:
-        self.connected = self._streaming = False
+        self.connected = False
+        self._intake.end()
         if board := self._board:
             self._board = None
             self._counters.malformed += board.malformed
@@ -210,26 +202,24 @@ class Session:
         board.poll(_TURN_S)
         self._do_jobs(board)
         now_s = time.monotonic()
-        if now_s >= self._stats_due_s:
+        if now_s >= self._stats_due_s or self._intake.returned:
             self._look_after(board)
             self._stats_due_s = now_s + _STATS_PERIOD_S
-        if time.monotonic() - self._silent_since_s > self._patience_s:
+        if self._intake.is_silent():
             self._revive(board)
 
     def _greet(self, board: Board) -> bool:
         """Say HELLO; whether the board was reset since the last time."""
-        errors_before = self._decoder.errors
         hello = board.hello()
-        stray = self._decoder.errors.total - errors_before.total
-        self._decoder.errors = errors_before
-        self._counters.stray_frames += stray
         now_s = time.monotonic()
         reset = False
         if self.hello:
             # By the time that has passed: a young board may be older than its predecessor was at its first HELLO.
             passed_s = now_s - self._hello_s
-            missing_ms = self.hello.uptime_ms + 1000 * passed_s - hello.uptime_ms
-            reset = 500 + 10 * passed_s < missing_ms < 1 << 31
+            expected_ms = self.hello.uptime_ms + 1000 * passed_s
+            missing_ms = (expected_ms - hello.uptime_ms) % _UPTIME_WRAP_MS
+            missing_ms -= _UPTIME_WRAP_MS * (missing_ms > _UPTIME_WRAP_MS / 2)
+            reset = _UPTIME_TOLERANCE_MS + 10 * passed_s < missing_ms
             self._counters.board_resets += reset
         self.hello, self._hello_s = hello, now_s
         return reset
@@ -237,18 +227,13 @@ class Session:
     def _set_up(self, board: Board) -> None:
         """Everything that a board which knows nothing has to be told."""
         settings = self.settings
-        self._streaming = False
+        self._intake.end()
         written = [imu_id for imu_id in settings.ids if self._write(board, imu_id)]
         mask = mask_of(settings.ids)
         board.configure(Configuration(mask, settings.rate_hz, settings.fusion, settings.i2c_100khz))
-        self._clock.restart()
-        self._stamped_seq = self._data_seq = None
-        self._health = b''
-        self._absent.clear()
-        self._returned.clear()
-        self._streaming = True
+        streamed_before = self._intake.latest is not None
+        self._intake.begin()
         board.stream(Stream.QUATERNIONS | (Stream.ACCELERATION if settings.acceleration else 0))
-        self._silent_since_s = time.monotonic()
         self.stats = board.stats()
         self._comebacks_known = self.stats.comebacks
         self._stats_due_s = time.monotonic() + _STATS_PERIOD_S
@@ -257,7 +242,7 @@ class Session:
         assert self.hello is not None
         firmware = f'{self.hello.firmware_major}.{self.hello.firmware_minor}'
         self._tell(Level.INFO, f'{settings.port}: board with firmware {firmware} streams')
-        if self._data and not settings.fusion.uses_magnetometer:
+        if streamed_before and not settings.fusion.uses_magnetometer:
             self._tell(
                 Level.WARN, 'the chips start with new headings, since mode IMU has no north: align again'
             )
@@ -290,8 +275,6 @@ class Session:
             self._offsets[imu_id] = OffsetsState.NOT_CHECKED
             self._tell(Level.WARN, f'offsets not checked: {error}')
             return
-        finally:
-            self._absent.discard(imu_id)
         if actual == saved:
             self._offsets[imu_id] = OffsetsState.AS_SAVED
         else:
@@ -304,15 +287,15 @@ class Session:
 
     def _look_after(self, board: Board) -> None:
         """Once a second, or as soon as a chip ran again: counters, the wall clock, chips that came back."""
-        if self._wall.look():
+        if self._intake.wall.look():
             self._tell(Level.WARN, 'the wall clock was stepped; stamps follow it')
         self.stats = board.stats()
         counts = zip(self.stats.comebacks, self._comebacks_known, strict=True)
         # A chip that lost its power for less than a sweep is seen in this counter alone.
-        more = {k + 1 for k, (now, known) in enumerate(counts) if now > known}
+        unseen = {k + 1 for k, (now, known) in enumerate(counts) if now > known} - self._intake.absent
         self._comebacks_known = self.stats.comebacks
-        returned = (self._returned | more) & set(self.settings.ids)
-        self._returned = set()
+        returned = unseen & set(self.settings.ids) | self._intake.returned
+        self._intake.returned = set()
         for imu_id in sorted(returned):
             self._counters.comebacks += 1
             self._compare(board, imu_id)
@@ -355,51 +338,5 @@ class Session:
                     jobs.append((job, future))
         return jobs
 
-    def _on_packet(self, packet: Data | Acceleration, arrival_ns: int) -> None:
-        sweep = packet.sweep
-        if not self._streaming or sweep.mask != mask_of(self.settings.ids):
-            self._counters.stray_packets += 1
-            return
-        if sweep.seq != self._stamped_seq:  # the packets of a sweep share their stamp
-            line_ns = 10 * _line_bytes(packet) * 1_000_000_000 // self.settings.baud
-            self._stamp_ns = self._clock.stamp(sweep.t_us, arrival_ns - 1000 * sweep.scan_us - line_ns)
-            self._stamped_seq = sweep.seq
-        start_ns = self._wall.of(self._stamp_ns)
-        stamps_ns = [start_ns + read_ns for read_ns in sweep.read_ns()]
-        if isinstance(packet, Acceleration):
-            self._handler.on_acceleration(packet, stamps_ns)
-            return
-        self._count(packet)
-        self._handler.on_data(packet, stamps_ns)
-
-    def _count(self, data: Data) -> None:
-        now_s = time.monotonic()
-        if self._data_s is not None and now_s - self._data_s > self._patience_s:
-            self._counters.silent_s += now_s - self._data_s
-        self._data_s = self._silent_since_s = now_s
-        self._counters.sweeps += 1
-        if self._data_seq is not None:
-            self._counters.lost_sweeps += (data.sweep.seq - self._data_seq - 1) % (1 << 16)
-        self._data, self._data_seq = data, data.sweep.seq
-        if data.health != self._health:
-            self._health = data.health
-            self._watch(data)
-
-    def _watch(self, data: Data) -> None:
-        """Tell of chips that went, and have those looked after that run again."""
-        for imu_id, state in zip(data.sweep.ids, data.states, strict=True):
-            if state is State.ABSENT and imu_id not in self._absent:
-                self._absent.add(imu_id)
-                self._tell(Level.WARN, f'IMU {imu_id} does not answer')
-            elif state is State.RUN and imu_id in self._absent:
-                self._absent.remove(imu_id)
-                self._returned.add(imu_id)
-                self._stats_due_s = 0.0
-
     def _tell(self, level: Level, message: str) -> None:
         self._handler.on_event(Event(level, message))
-
-
-def _line_bytes(packet: Data | Acceleration) -> int:
-    """Bytes of the packet's frame: head, entries, CRC, COBS code and delimiter."""
-    return 11 + len(packet.sweep.ids) * (10 if isinstance(packet, Data) else 6) + 2 + 1 + 1

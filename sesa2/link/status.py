@@ -5,8 +5,9 @@ from enum import Enum, IntEnum
 from typing import NamedTuple, Protocol
 
 from sesa2.imu.offsets import Offsets
+from sesa2.imu.scores import Scores
 from sesa2.link.framing import FrameErrors
-from sesa2.link.packets import Acceleration, Data, Scores, State
+from sesa2.link.packets import Acceleration, Data, State
 
 
 class Level(IntEnum):

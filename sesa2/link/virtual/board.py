@@ -42,6 +42,11 @@ class VirtualBoard:
         Protocol version to claim.
     seed
         Of what differs between chips, and of the faults.
+
+    Raises
+    ------
+    LinkError
+        If the link's path is taken by something else.
     """
 
     def __init__(
@@ -57,6 +62,8 @@ class VirtualBoard:
     ) -> None:
         self.arm = arm
         self._link = Path(link) if link else None
+        if self._link and self._link.exists() and not self._link.is_symlink():
+            raise LinkError(f'{self._link} exists and is no symbolic link: not replaced')
         self._boot_us = round(boot_s * 1e6)
         self._baud = baud
         self._version = version
@@ -179,8 +186,6 @@ class VirtualBoard:
         os.set_blocking(self._pty[0], False)
         self._path = os.ttyname(self._pty[1])
         if self._link:
-            if self._link.exists() and not self._link.is_symlink():
-                raise LinkError(f'{self._link} exists and is no symbolic link: not replaced')
             fresh = self._link.with_name(f'.{self._link.name}.{os.getpid()}')
             fresh.unlink(missing_ok=True)
             fresh.symlink_to(self._path)

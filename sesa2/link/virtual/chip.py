@@ -4,8 +4,9 @@ from dataclasses import dataclass, field
 from random import Random
 
 from sesa2.imu.offsets import Offsets
+from sesa2.imu.scores import Scores
 from sesa2.link.commands import FusionMode
-from sesa2.link.packets import Scores
+from sesa2.link.packets import register_of
 
 BOOT_US = 650_000
 _CONFIG = 0x00
@@ -87,7 +88,7 @@ class Chip:
             return 0
         scores = self._scores(now_us)
         gyro, accel, mag = scores if len(scores) == 3 else (*scores, 0)
-        return Scores(min(scores), gyro, accel, mag).register
+        return register_of(Scores(min(scores), gyro, accel, mag))
 
     def _scores(self, now_us: int) -> tuple[int, ...]:
         """Of gyroscope, accelerometer and, unless in IMU mode, magnetometer: the order in which they are easy."""

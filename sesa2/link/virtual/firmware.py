@@ -5,7 +5,6 @@ pseudo-terminal by the clock.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -24,7 +23,6 @@ from sesa2.link.commands import (
 from sesa2.link.errors import PacketError
 from sesa2.link.framing import FrameDecoder, encode_frame
 from sesa2.link.packets import (
-    CHANNELS,
     VERSION,
     State,
     Sweep,
@@ -33,39 +31,16 @@ from sesa2.link.packets import (
     ids_of,
 )
 from sesa2.link.virtual.arm import accelerations
+from sesa2.link.virtual.channel import NEVER, Channel
 from sesa2.link.virtual.chip import Chip
 from sesa2.link.virtual.motion import FloatArray
 
 FIRMWARE = (1, 0)
-_TO_CONFIG_US, _TO_FUSION_US = 19_000, 7_000
-_WRITE_US = 1_000
 _READ_IMU_US = {0: 525, 1: 1_475}  # one IMU's share of a sweep at 400 and at 100 kHz
-_CONFIG = 0x00
 _AHEAD = 16
-_NEVER = 1 << 62
 
 Measure = Callable[[Sequence[int], FloatArray, FloatArray], FloatArray]
 """Takes n ids, times since the board started, shape (m, n), µs, and n headings, rad; gives q_WS, shape (m, n, 4)."""
-
-
-@dataclass
-class _Channel:
-    """What the board knows about one channel of the multiplexer."""
-
-    state: State = State.ABSENT
-    due_us: int = _NEVER
-    """When the present change of mode is over."""
-    mode: int = _CONFIG
-    """Wanted; CONFIG until the channel is configured."""
-    kept: bytes | None = None
-    request: Request | None = None
-    """Answered when the chip is in CONFIG mode."""
-    errors: int = 0
-    all_errors: int = 0
-    comebacks: int = 0
-    ran: bool = False
-    lost: bool = False
-    calib: int = 0
 
 
 class Firmware:
@@ -100,7 +75,7 @@ class Firmware:
         self._bit_us = 1e6 / baud
         self._version = version
         self._decoder = FrameDecoder()
-        self._channels = {imu_id: _Channel() for imu_id in ids_of(0xFF)}
+        self._channels = {i: Channel(chips.get(i), born_us, self._reply) for i in ids_of(0xFF)}
         self._malformed = 0
         self._flags = Stream.STOP
         self._configuration: Configuration | None = None
@@ -111,7 +86,7 @@ class Firmware:
         self._max_scan_us = 0
         self._sweep_us = 0
         self._sweep_due_us = 0
-        self._sent_us = _NEVER
+        self._sent_us = NEVER
         self._ahead: dict[int, FloatArray] = {}
         self._out: list[bytes] = []
         self.tx_dropped = 0
@@ -173,11 +148,7 @@ class Firmware:
         self._configuration = configuration
         self._ids = ids_of(configuration.mask)
         for imu_id in self._ids:
-            channel = self._channels[imu_id]
-            if channel.mode != configuration.mode:
-                channel.mode = configuration.mode
-                if channel.state is not State.ABSENT:
-                    self._to_config(channel, now_us, _TO_CONFIG_US)
+            self._channels[imu_id].configure(configuration.mode, now_us)
         self._reply(request, Result.OK)
         if self._flags:
             self._begin_sweeps(now_us)
@@ -193,78 +164,19 @@ class Firmware:
             self._begin_sweeps(now_us)
         self._flags = flags
         if not flags:
-            self._sent_us = _NEVER
+            self._sent_us = NEVER
 
     def _visit(self, request: Request, now_us: int) -> None:
-        """WRITE_OFFSETS, READ_OFFSETS and RESET_IMU: the chip is to be seen in CONFIG mode, or to start anew."""
-        number = request.arguments[0]
-        if number >= CHANNELS:
-            self._reply(request, Result.BAD_ARGUMENT)
-            return
-        channel, chip = self._channels[number + 1], self._chips.get(number + 1)
-        absent = chip is None or channel.state is State.ABSENT
-        if absent:
-            if request.command is Command.WRITE_OFFSETS:
-                channel.kept = request.arguments[1:]
-            booting = chip is not None and chip.ready_us is not None
-            self._reply(request, Result.BUSY if booting else Result.ABSENT)
-        elif channel.due_us != _NEVER:
-            self._reply(request, Result.BUSY)
-        elif request.command is Command.RESET_IMU:
-            assert chip is not None
-            chip.power_on(self._born_us + now_us)
-            self._lose(channel)
-            self._reply(request, Result.OK)
+        channel = self._channels.get(request.arguments[0] + 1)
+        if channel:
+            channel.visit(request, now_us)
         else:
-            if request.command is Command.WRITE_OFFSETS:
-                channel.kept = request.arguments[1:]
-            channel.request = request
-            self._to_config(channel, now_us, _TO_CONFIG_US if channel.state is State.RUN else _WRITE_US)
-
-    def _to_config(self, channel: _Channel, now_us: int, duration_us: int) -> None:
-        channel.state, channel.due_us = State.TO_CONFIG, now_us + duration_us
-
-    def _lose(self, channel: _Channel) -> None:
-        channel.state, channel.due_us, channel.lost, channel.calib = State.ABSENT, _NEVER, channel.ran, 0
-        if channel.request:
-            self._reply(channel.request, Result.ABSENT)
-            channel.request = None
+            self._reply(request, Result.BAD_ARGUMENT)
 
     def _step(self, now_us: int) -> None:
-        """Take every channel as far as it gets by now."""
-        world_us = self._born_us + now_us
-        for imu_id, chip in self._chips.items():
-            channel = self._channels[imu_id]
-            if not chip.answers(world_us):
-                channel.errors = min(15, channel.errors + 1)
-                if channel.state is not State.ABSENT:
-                    channel.all_errors = min(65535, channel.all_errors + 1)
-                    self._lose(channel)
-                channel.due_us = _NEVER if chip.ready_us is None else chip.ready_us - self._born_us
-            elif channel.state is State.ABSENT:
-                self._to_config(channel, now_us, _TO_CONFIG_US)
-            if channel.state is State.TO_CONFIG and channel.due_us <= now_us:
-                self._in_config(channel, chip, now_us)
-            if channel.state is State.TO_NDOF and channel.due_us <= now_us:
-                chip.set_mode(channel.mode, world_us)
-                if channel.lost:
-                    channel.comebacks = min(255, channel.comebacks + 1)
-                channel.state, channel.due_us, channel.errors = State.RUN, _NEVER, 0
-                channel.ran, channel.lost = True, False
+        for channel in self._channels.values():
+            if channel.step(now_us):
                 self._ahead.clear()  # the chip may have another heading
-
-    def _in_config(self, channel: _Channel, chip: Chip, now_us: int) -> None:
-        chip.set_mode(_CONFIG, self._born_us + now_us)
-        if channel.kept is not None and chip.read_offsets() != channel.kept:
-            chip.write_offsets(channel.kept)
-        if request := channel.request:
-            reading = request.command is Command.READ_OFFSETS
-            self._reply(request, Result.OK, chip.read_offsets() if reading else b'')
-            channel.request = None
-        if channel.mode == _CONFIG:
-            channel.due_us = _NEVER
-        else:
-            channel.state, channel.due_us = State.TO_NDOF, now_us + _TO_FUSION_US
 
     def _begin_sweeps(self, now_us: int) -> None:
         self._ahead.clear()
@@ -286,10 +198,7 @@ class Firmware:
         sweep = Sweep(self._seq, self._sweep_us % (1 << 32), scan_us, self._configuration.mask)
         channels = [self._channels[imu_id] for imu_id in self._ids]
         refreshed = self._sweeps % n
-        if channels[refreshed].state is State.RUN:
-            channels[refreshed].calib = self._chips[self._ids[refreshed]].calib(
-                self._born_us + self._sweep_us
-            )
+        channels[refreshed].refresh_calib(self._sweep_us)
         running = np.array([channel.state is State.RUN for channel in channels])
         q = np.where(running[:, np.newaxis], self._measured(), 0.0)
         if self._flags & Stream.QUATERNIONS:

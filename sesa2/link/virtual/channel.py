@@ -1,0 +1,137 @@
+"""What the virtual firmware does with the chip on one channel of the multiplexer: a state machine that never waits."""
+
+from collections.abc import Callable
+
+from sesa2.link.commands import Command, Request, Result
+from sesa2.link.packets import State
+from sesa2.link.virtual.chip import Chip
+
+NEVER = 1 << 62
+_CONFIG = 0x00
+_TO_CONFIG_US, _TO_FUSION_US = 19_000, 7_000
+_WRITE_US = 1_000
+
+Reply = Callable[[Request, Result, bytes], None]
+
+
+class Channel:
+    """One channel; times are µs since the board started.
+
+    Parameters
+    ----------
+    chip
+        What hangs on it, if anything.
+    born_us
+        Time of the chip's world at the start of the board, µs.
+    reply
+        How to answer a command.
+
+    Attributes
+    ----------
+    state
+        Where the board is with the chip.
+    due_us
+        When the present change of mode is over.
+    calib
+        Register 0x35 as last read.
+    errors, all_errors
+        I2C errors since the chip last ran, and since the board started; saturating.
+    comebacks
+        Times that the chip was gone and ran again; saturating.
+    """
+
+    def __init__(self, chip: Chip | None, born_us: int, reply: Reply) -> None:
+        self.state = State.ABSENT
+        self.due_us = NEVER
+        self.calib = self.errors = self.all_errors = self.comebacks = 0
+        self._chip = chip
+        self._born_us = born_us
+        self._reply = reply
+        self._mode = _CONFIG  # wanted; CONFIG until the channel is configured
+        self._kept: bytes | None = None
+        self._waiting: Request | None = None  # answered when the chip is in CONFIG mode
+        self._ran = self._lost = False
+
+    def configure(self, mode: int, now_us: int) -> None:
+        """Have the chip in this mode from now on."""
+        if mode != self._mode:
+            self._mode = mode
+            if self.state is not State.ABSENT:
+                self._to_config(now_us + _TO_CONFIG_US)
+
+    def visit(self, request: Request, now_us: int) -> None:
+        """WRITE_OFFSETS, READ_OFFSETS or RESET_IMU: to be done in CONFIG mode, or by starting the chip anew."""
+        writing = request.command is Command.WRITE_OFFSETS
+        if self._chip is None or self.state is State.ABSENT:
+            if writing:
+                self._kept = request.arguments[1:]
+            booting = self._chip is not None and self._chip.ready_us is not None
+            self._reply(request, Result.BUSY if booting else Result.ABSENT, b'')
+        elif self.due_us != NEVER:
+            self._reply(request, Result.BUSY, b'')
+        elif request.command is Command.RESET_IMU:
+            self._chip.power_on(self._born_us + now_us)
+            self._lose()
+            self._reply(request, Result.OK, b'')
+        else:
+            if writing:
+                self._kept = request.arguments[1:]
+            self._waiting = request
+            self._to_config(now_us + (_TO_CONFIG_US if self.state is State.RUN else _WRITE_US))
+
+    def refresh_calib(self, now_us: int) -> None:
+        """Read register 0x35."""
+        if self._chip and self.state is State.RUN:
+            self.calib = self._chip.calib(self._born_us + now_us)
+
+    def step(self, now_us: int) -> bool:
+        """Take the chip as far as it gets by now; whether it has just begun to run."""
+        chip = self._chip
+        if chip is None:
+            return False
+        if not chip.answers(self._born_us + now_us):
+            self._miss(chip)
+        elif self.state is State.ABSENT:
+            self._to_config(now_us + _TO_CONFIG_US)
+        if self.state is State.TO_CONFIG and self.due_us <= now_us:
+            self._in_config(chip, now_us)
+        if self.state is State.TO_NDOF and self.due_us <= now_us:
+            self._run(chip, now_us)
+            return True
+        return False
+
+    def _miss(self, chip: Chip) -> None:
+        self.errors = min(15, self.errors + 1)
+        if self.state is not State.ABSENT:
+            self.all_errors = min(65535, self.all_errors + 1)
+            self._lose()
+        self.due_us = NEVER if chip.ready_us is None else chip.ready_us - self._born_us
+
+    def _lose(self) -> None:
+        self.state, self.due_us, self.calib = State.ABSENT, NEVER, 0
+        self._lost = self._ran
+        if self._waiting:
+            self._reply(self._waiting, Result.ABSENT, b'')
+            self._waiting = None
+
+    def _to_config(self, due_us: int) -> None:
+        self.state, self.due_us = State.TO_CONFIG, due_us
+
+    def _in_config(self, chip: Chip, now_us: int) -> None:
+        chip.set_mode(_CONFIG, self._born_us + now_us)
+        if self._kept is not None and chip.read_offsets() != self._kept:
+            chip.write_offsets(self._kept)
+        if request := self._waiting:
+            reading = request.command is Command.READ_OFFSETS
+            self._reply(request, Result.OK, chip.read_offsets() if reading else b'')
+            self._waiting = None
+        if self._mode == _CONFIG:
+            self.due_us = NEVER
+        else:
+            self.state, self.due_us = State.TO_NDOF, now_us + _TO_FUSION_US
+
+    def _run(self, chip: Chip, now_us: int) -> None:
+        chip.set_mode(self._mode, self._born_us + now_us)
+        self.state, self.due_us, self.errors = State.RUN, NEVER, 0
+        self.comebacks = min(255, self.comebacks + self._lost)
+        self._ran, self._lost = True, False

@@ -1,0 +1,307 @@
+import threading
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from sesa2.imu.offsets import Offsets
+from sesa2.link.commands import FusionMode
+from sesa2.link.errors import CommandError, LinkError, ProtocolVersionError
+from sesa2.link.packets import State
+from sesa2.link.port import SerialPort
+from sesa2.link.session import LinkSettings, Session
+from sesa2.link.status import Level, OffsetsState
+
+IDS = (1, 2, 3, 4)
+SAVED = {
+    imu_id: Offsets((imu_id, 2, 3), (4, 5, 6), (7, 8, 9), 1000, 480) for imu_id in (1, 2, 4)
+}  # none of IMU 3
+
+
+@pytest.fixture
+def make_session(recorder, tmp_path):
+    """A function that makes a session; its `run` is in a thread that ends with the test."""
+    running = []
+
+    def make(saved=None, connect=True, **settings):
+        session = Session(
+            LinkSettings(str(tmp_path / 'board'), IDS, **settings),
+            recorder,
+            SAVED if saved is None else saved,
+        )
+        if connect:
+            session.connect()
+        thread = threading.Thread(target=session.run)
+        thread.start()
+        running.append((session, thread))
+        return session
+
+    yield make
+    for session, thread in running:
+        session.stop()
+        thread.join(30)
+        assert not thread.is_alive()
+
+
+def states(session):
+    return [imu.state for imu in session.imus().values()]
+
+
+RUN = [State.RUN] * 4
+
+
+def test_connect_streams_and_checks_offsets(make_board, make_session, recorder):
+    virtual = make_board()
+    session = make_session()
+    recorder.wait_for_sweeps(50)
+    assert session.connected
+    assert dict(recorder.offsets) == SAVED
+    assert [imu.offsets for imu in session.imus().values()] == [
+        OffsetsState.AS_SAVED,
+        OffsetsState.AS_SAVED,
+        OffsetsState.NONE_SAVED,
+        OffsetsState.AS_SAVED,
+    ]
+    for imu_id, offsets in SAVED.items():
+        assert virtual._chips[imu_id].read_offsets() == offsets.to_registers()
+    counters = session.counters()
+    assert counters.sweeps == len(recorder.data) or counters.sweeps == len(recorder.data) + 1
+    assert (counters.lost_sweeps, counters.frame_errors.total, counters.malformed, counters.reconnects) == (
+        0,
+        0,
+        0,
+        0,
+    )
+    recorder.wait(lambda: session.stats.sweeps > 0)
+    assert recorder.messages(Level.WARN) == recorder.messages(Level.ERROR) == []
+
+
+def test_stamps_lead_to_the_truth(make_board, make_session, recorder):
+    """Stamp → time of the motion → orientation; how exactly depends on how busy this machine is."""
+    virtual = make_board()
+    session = make_session(saved={})
+    recorder.wait(lambda: states(session) == RUN)
+    recorder.wait_for_sweeps(200)
+    offset_ns = session._intake.wall.of(0)
+    errors_ms = [
+        1e3
+        * (virtual.motion_time(stamps_ns[0] - offset_ns) - virtual.motion_time_of(data.sweep.t_us + 262.5))
+        for data, stamps_ns in recorder.data[-100:]
+    ]
+    assert min(errors_ms) > -0.01  # nothing is stamped before it was measured
+    assert max(errors_ms) < 50
+    for _, stamps_ns in recorder.data:
+        np.testing.assert_array_equal(np.diff(stamps_ns), 525_000)
+    assert np.diff([stamps_ns[0] for _, stamps_ns in recorder.data]).min() >= 4.9e6
+
+
+def test_acceleration(make_board, make_session, recorder):
+    make_board()
+    make_session(acceleration=True)
+    recorder.wait(lambda: len(recorder.accelerations) > 20)
+    stamps = {data.sweep.seq: stamps_ns for data, stamps_ns in recorder.data}
+    shared = [
+        (stamps_ns, stamps[a.sweep.seq]) for a, stamps_ns in recorder.accelerations if a.sweep.seq in stamps
+    ]
+    assert len(shared) > 10
+    assert all(of_acceleration == of_data for of_acceleration, of_data in shared)
+
+
+def test_commands_from_another_thread(make_board, make_session, recorder):
+    virtual = make_board()
+    session = make_session()
+    assert session.submit(lambda board: board.read_offsets(4)).result(30) == SAVED[4]
+    virtual.unplug(3)
+    recorder.wait_for_event('IMU 3 does not answer')
+    with pytest.raises(CommandError, match='IMU 3: the chip is absent'):
+        session.submit(lambda board: board.read_offsets(3)).result(30)
+    before = len(recorder.data)
+    recorder.wait_for_sweeps(10)
+    assert len(recorder.data) > before
+
+
+def test_lost_and_damaged_packets_are_counted(make_board, make_session, recorder):
+    virtual = make_board()
+    session = make_session(saved={})
+    recorder.wait_for_sweeps(10)
+    virtual.corrupt_frames(3)
+    recorder.wait(lambda: session.counters().lost_sweeps >= 2)  # a reply may be among what is damaged
+    virtual.lose_bytes(200)
+    recorder.wait(lambda: session.counters().lost_sweeps >= 5)
+    recorder.wait_for_sweeps(10)
+    counters = session.counters()
+    seqs = np.unwrap([data.sweep.seq for data, _ in recorder.data], period=1 << 16)
+    assert counters.lost_sweeps == seqs[-1] - seqs[0] + 1 - len(seqs)
+    assert counters.frame_errors.total >= 2
+
+
+def test_an_imu_comes_back_with_its_offsets(make_board, make_session, recorder):
+    virtual = make_board()
+    session = make_session()
+    recorder.wait(lambda: states(session) == RUN)
+    virtual.unplug(2)
+    recorder.wait_for_event('IMU 2 does not answer')
+    recorder.wait_for_sweeps(3)
+    assert states(session) == [State.RUN, State.ABSENT, State.RUN, State.RUN]
+    virtual.plug(2)
+    recorder.wait_for_event('IMU 2 is back; offsets: as saved')
+    recorder.wait(lambda: states(session) == RUN)
+    counters = session.counters()
+    assert (counters.comebacks, counters.lost_sweeps, counters.offset_differences) == (1, 0, 0)
+
+
+def test_other_offsets_than_saved_are_told(make_board, make_session, recorder, monkeypatch):
+    virtual = make_board()
+    session = make_session()
+    recorder.wait(lambda: states(session) == RUN)
+    wrong = replace(SAVED[2], mag_radius=1)
+    chip = virtual._chips[2]
+    monkeypatch.setattr(chip, 'read_offsets', wrong.to_registers)
+    virtual.unplug(2)
+    recorder.wait_for_event('IMU 2 does not answer')
+    virtual.plug(2)
+    recorder.wait_for_event('IMU 2 is back; offsets: different from those saved')
+    recorder.wait_for_event('IMU 2 works with other offsets than saved')
+    assert session.counters().offset_differences == 1
+    assert session.imus()[2].offsets is OffsetsState.DIFFERENT
+    assert (2, wrong) in recorder.offsets
+
+
+def test_an_absent_imu_at_the_start(make_board, make_session, recorder):
+    virtual = make_board()
+    virtual.unplug(4)
+    session = make_session()
+    recorder.wait_for_event('IMU 4 is absent; the board keeps its offsets')
+    recorder.wait_for_event('IMU 4 does not answer')
+    assert session.imus()[4].offsets is OffsetsState.NOT_CHECKED
+    virtual.plug(4)
+    recorder.wait_for_event('IMU 4 is back; offsets: as saved')
+
+
+def test_imu_mode_asks_for_a_new_alignment(make_board, make_session, recorder):
+    virtual = make_board()
+    session = make_session(fusion=FusionMode.IMU)
+    recorder.wait(lambda: states(session) == RUN)
+    assert not any('align again' in message for message in recorder.messages())
+    virtual.unplug(2)
+    recorder.wait_for_event('IMU 2 does not answer')
+    virtual.plug(2)
+    recorder.wait_for_event('IMU 2 is back with a new heading, since mode IMU has no north: align again')
+    virtual.reset()
+    recorder.wait_for_event('the chips start with new headings')
+
+
+def test_board_reset(make_board, make_session, recorder):
+    virtual = make_board()
+    session = make_session()
+    recorder.wait_for_sweeps(100)
+    virtual.reset()
+    recorder.wait_for_event('the board was reset')
+    recorder.wait_for_sweeps(20)
+    counters = session.counters()
+    assert (counters.board_resets, counters.reconnects, counters.stalls) == (1, 0, 0)
+    assert counters.silent_s > 0.25
+    assert session.imus()[1].offsets is OffsetsState.AS_SAVED
+    stamps = [stamps_ns[0] for _, stamps_ns in recorder.data]
+    assert np.diff(stamps).min() > 0
+
+
+def test_board_that_hangs_and_goes_on(make_board, make_session, recorder):
+    virtual = make_board()
+    session = make_session(saved={})
+    recorder.wait_for_sweeps(10)
+    virtual.mute()
+    recorder.wait(lambda: not session.connected)
+    virtual.unmute()
+    recorder.wait(lambda: session.connected)
+    recorder.wait_for_sweeps(20)
+    counters = session.counters()
+    assert counters.board_resets == 0
+    assert counters.stalls + counters.reconnects >= 1
+
+
+def test_cable_is_pulled_and_put_back(make_board, make_session, recorder):
+    virtual = make_board()
+    session = make_session()
+    recorder.wait_for_sweeps(10)
+    for count in (1, 2):
+        errors = len(recorder.messages(Level.ERROR))
+        virtual.unplug_cable()
+        recorder.wait(lambda errors=errors: len(recorder.messages(Level.ERROR)) >= errors + 2)
+        lost, absent = recorder.messages(Level.ERROR)[errors : errors + 2]
+        assert 'was lost' in lost
+        assert 'is not there' in absent
+        with pytest.raises(LinkError):
+            session.submit(lambda board: board.stats()).result(30)
+        virtual.plug_cable()
+        recorder.wait(lambda count=count: session.counters().reconnects == count)
+        recorder.wait_for_sweeps(20)
+        assert len(recorder.messages(Level.ERROR)) == errors + 2  # said once, tried often
+        assert session.imus()[2].offsets is OffsetsState.AS_SAVED
+    assert session.counters().board_resets == 2
+
+
+def test_offsets_are_looked_up_at_every_connect(make_board, make_session, recorder):
+    virtual = make_board()
+    saved = dict(SAVED)
+    make_session(saved)
+    recorder.wait_for_sweeps(5)
+    saved[3] = replace(SAVED[1], accel_radius=77)
+    virtual.reset()
+    recorder.wait(lambda: (3, saved[3]) in recorder.offsets)
+
+
+def test_a_board_of_another_version_ends_it(make_board, make_session, recorder):
+    make_board(version=9)
+    with pytest.raises(ProtocolVersionError, match='version 9'):
+        make_session()
+
+
+def test_a_board_of_another_version_after_a_reconnect_ends_run(make_board, recorder, tmp_path):
+    first = make_board()
+    session = Session(LinkSettings(str(tmp_path / 'board'), IDS), recorder, {})
+    session.connect()
+    first.close()
+    make_board(version=9)
+    with pytest.raises(ProtocolVersionError, match='version 9'):
+        session.run()
+    with pytest.raises(LinkError, match='closed'):
+        session.submit(lambda board: board.stats()).result(30)
+
+
+def test_first_failure_is_raised(recorder, make_board, tmp_path):
+    session = Session(LinkSettings(str(tmp_path / 'nowhere'), IDS), recorder, {})
+    with pytest.raises(LinkError, match='is not there'):
+        session.connect()
+    virtual = make_board()
+    port = SerialPort(virtual.path, 500_000)
+    with pytest.raises(LinkError, match='held by another program'):
+        Session(LinkSettings(virtual.path, IDS), recorder, {}).connect()
+    port.close()
+
+
+def test_run_waits_for_a_port_that_comes_later(make_board, make_session, recorder):
+    session = make_session(connect=False)
+    recorder.wait_for_event('is not there')
+    make_board()
+    recorder.wait_for_sweeps(10)
+    assert session.counters().reconnects == 0
+
+
+def test_stop_ends_a_wait_for_a_board(make_board, make_session, recorder):
+    """The fixture stops a session that says HELLO to nobody."""
+    virtual = make_board()
+    virtual.mute()
+    make_session(connect=False)
+
+
+def test_the_board_is_silent_after_the_end(make_board, recorder, tmp_path):
+    virtual = make_board()
+    session = Session(LinkSettings(virtual.path, IDS), recorder, {})
+    session.connect()
+    thread = threading.Thread(target=session.run)
+    thread.start()
+    recorder.wait_for_sweeps(5)
+    session.stop()
+    thread.join(30)
+    recorder.wait(lambda: virtual._firmware._flags == 0)
