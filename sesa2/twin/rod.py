@@ -10,6 +10,7 @@ from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
 from sesa2.shape.rotations import FloatArray, rotate, slerp
+from sesa2.twin.trial import TrialError
 
 GRAVITY = 9.80665
 ELEMENT_LENGTH = 0.010
@@ -165,7 +166,12 @@ def simulate_rod(
 
     Returns
     -------
-    The motion; not a number from where the integration was lost.
+    The motion.
+
+    Raises
+    ------
+    TrialError
+        the integration has become unstable.
     """
     steps = int(np.ceil(RECORD_INTERVAL / rod.longest_step))
     dt = RECORD_INTERVAL / steps
@@ -188,13 +194,19 @@ def simulate_rod(
         frames[i] = body.director_collection[:, :, elements].transpose(2, 3, 1, 0)
         points[i] = weights @ body.position_collection.T
         energies[i] = _energy(body)
+        if not np.isfinite(energies[i]):
+            raise TrialError(
+                f'the simulated arm, {rod.length:g} m long and {rod.radius:g} m in radius, flew apart after'
+                f" {time:.2f} s; expected an arm more like the paper's (0.66 m and 0.0125 m)"
+            )
         if i % NODES_EVERY == 0:
             nodes[i // NODES_EVERY] = body.position_collection.T
             if progress is not None:
                 progress(i / (n - 1))
         if i < n - 1:
-            for _ in range(steps):
-                time = stepper.step(system, time, dt)
+            with np.errstate(all='ignore'):  # what cannot be computed shows in the energy
+                for _ in range(steps):
+                    time = stepper.step(system, time, dt)
     if progress is not None:
         progress(1.0)
     return RodStates(
@@ -238,13 +250,11 @@ def _assemble(rod: Rod, base: FloatArray, hand: Any, torque: Any, dt: float) -> 
 
 def _between(frames: FloatArray, fraction: FloatArray) -> FloatArray:
     """Slerp between two frames, (n, 2, n_orientations, 3, 3); held beyond the middles of the first and last element."""
-    lost = ~np.isfinite(frames).all(axis=(1, 2, 3, 4))
-    q = np.full((*frames.shape[:3], 4), np.nan)
-    kept = frames[~lost]
-    q[~lost] = Rotation.from_matrix(kept.reshape(-1, 3, 3)).as_quat().reshape(*kept.shape[:3], 4)
+    q = Rotation.from_matrix(frames.reshape(-1, 3, 3)).as_quat().reshape(*frames.shape[:3], 4)
     return slerp(q[:, 0], q[:, 1], np.clip(fraction, 0.0, 1.0))
 
 
+@np.errstate(all='ignore')
 def _energy(body: Any) -> float:
     height = float(body.mass @ body.position_collection[2])
     return float(

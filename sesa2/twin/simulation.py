@@ -54,7 +54,7 @@ def simulate(
     Raises
     ------
     TrialError
-        PyElastica is not installed, the trial is too short, or the rod's motion was lost.
+        PyElastica is not installed, the trial is too short, or the rod's motion became unstable.
     """
     try:
         from sesa2.twin.rod import NODES_EVERY, Rod, simulate_rod
@@ -81,12 +81,6 @@ def simulate(
         torque=torque,
         progress=progress,
     )
-    lost = ~np.isfinite(states.orientations).all(axis=(1, 2))
-    if lost.any():
-        raise TrialError(
-            f'the simulated arm, {length} m long and {configuration.arm.radius} m in radius, flew apart after'
-            f" {states.times[lost][0]:.2f} s; expected an arm more like the paper's (0.66 m and 0.0125 m)"
-        )
     measurement = _measure(
         configuration, states.times, states.orientations, errors or Bno055Errors(), error_seed
     )

@@ -126,5 +126,6 @@ class Trial:
                 return cls(**{name: file[name] for name in names})
         except OSError as error:
             raise TrialError(f'{path} cannot be read: {error.strerror or "not an npz file"}') from None
-        except (ValueError, EOFError, TypeError, zipfile.BadZipFile):  # TypeError: a single array
+        except (ValueError, EOFError, zipfile.BadZipFile, TypeError, AttributeError):
+            # The last two: a single array, which is no context manager (AttributeError before Python 3.11).
             raise TrialError(f'{path} cannot be read: not an npz file, or cut short') from None

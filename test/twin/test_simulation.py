@@ -100,9 +100,16 @@ def test_an_imu_on_the_base_a_hanging_arm_and_twist(configuration):
 
 
 @needs_elastica
-def test_an_arm_too_long_and_thin_says_so_or_works(configuration):
+def test_a_thin_arm_can_be_simulated(configuration):
     thin = replace(configuration, arm=replace(configuration.arm, radius=0.004))
     assert np.isfinite(simulate(thin, 1.0, seed=1).markers).all()
+
+
+@needs_elastica
+def test_a_motion_that_becomes_unstable_is_reported(configuration, monkeypatch):
+    monkeypatch.setattr('sesa2.twin.rod._COURANT', 5.0)
+    with pytest.raises(TrialError, match=r'0\.66 m long and 0\.0125 m in radius, flew apart after 0\.'):
+        simulate(configuration, 1.0, seed=1)
 
 
 def test_without_pyelastica_the_message_names_the_extra(configuration, monkeypatch):
