@@ -7,7 +7,7 @@ import numpy as np
 from sesa2.configuration import Configuration
 from sesa2.imu.error_model import Bno055Errors, Measurement, measure
 from sesa2.shape.rotations import FloatArray, normalize, rotate
-from sesa2.twin.motion import hand_path
+from sesa2.twin.hand import hand_path
 from sesa2.twin.trial import Trial, TrialError
 
 # Where the hand holds the arm, as a fraction of its length: 480 of 660 mm in the thesis.

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sesa2.twin.motion import hand_path
+from sesa2.twin.hand import hand_path
 
 
 def polar(path):
