@@ -70,9 +70,8 @@ class BagWriter:
             self._file = (folder / self._file_name).open('wb')
         except OSError as error:
             raise _not_written(folder, error) from None
-        self._mcap = Writer(
-            self._file, compression=CompressionType.LZ4
-        )  # a fifth larger than zstd, at a fifth of its time
+        # LZ4 makes files a fifth larger than Zstandard does, and takes hardly more time than no compression.
+        self._mcap = Writer(self._file, CHUNK_SIZE, CompressionType.LZ4)
         try:
             self._mcap.start('ros2')
         except OSError as error:
