@@ -1,6 +1,6 @@
 """The predecessor's way to compute a shape, as the thesis describes it: a peer to measure against.
 
-At every message of one IMU, eight to a sweep, the whole chain is computed again, link by link, each quaternion in a small
+At every message of one IMU, eight to a sweep, the whole chain is computed again, link by link, each quaternion in an
 array (thesis 4.4.6; the paper's eq. 2 to 7). Written anew; the positions are those of the package's models.
 """
 

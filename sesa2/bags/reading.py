@@ -2,6 +2,7 @@
 
 from collections import Counter, defaultdict
 from collections.abc import Iterator
+from itertools import islice
 from pathlib import Path
 from typing import NamedTuple
 
@@ -92,6 +93,20 @@ class ImuRecording:
         return typestore().deserialize_cdr(message.data, STRING).data if message else None
 
 
+def read_configuration(path: str | Path) -> str | None:
+    """The configuration in a bag, as YAML; None where it holds none. Its first message, in a bag of ours.
+
+    Raises
+    ------
+    Sesa2Error
+        the bag is not readable.
+    """
+    with open_recording(path) as recording:
+        topics = [n for n, t in recording.topics.items() if n.endswith('/configuration') and t.type == STRING]
+        message = next(recording.messages(topics), None) if topics else None
+    return typestore().deserialize_cdr(message.data, STRING).data if message else None
+
+
 class Poses(NamedTuple):
     """Positions over time, as a PoseArray carries them.
 
@@ -154,3 +169,34 @@ def read_poses(path: str | Path, topic: str) -> Poses:
     if not times:
         raise Sesa2Error(f'{path}: no message on {name}')
     return Poses(np.array(times) / NS, np.array(positions, dtype=float).reshape(len(times), -1, 3), frame)
+
+
+def read_path(path: str | Path, topic: str, index: int) -> FloatArray:
+    """Positions of one message of a nav_msgs/Path.
+
+    Parameters
+    ----------
+    path
+        of the recording.
+    topic
+        its name; the slash in front may be left out.
+    index
+        of the message, from 0.
+
+    Returns
+    -------
+    (n, 3), m.
+
+    Raises
+    ------
+    Sesa2Error
+        the recording is not readable, or has no such message.
+    """
+    name = absolute(topic)
+    with open_recording(path) as recording:
+        messages = recording.messages([name]) if name in recording.topics else iter(())
+        message = next(islice(messages, index, None), None)
+    if message is None:
+        raise Sesa2Error(f'{path}: no message {index} on {name}')
+    poses = typestore().deserialize_cdr(message.data, message.type).poses
+    return np.array([(p.pose.position.x, p.pose.position.y, p.pose.position.z) for p in poses])

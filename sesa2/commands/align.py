@@ -122,9 +122,5 @@ def _from_motion(
     print('\n'.join(table(('IMU', 'mounting x [°]', 'y [°]', 'z [°]', 'heading [°]'), rows)))
     warn(found.untold(c.imus.ids))
     if found.twist > _MUCH_TWIST:
-        warn(
-            [
-                f'the arm seems to twist by {np.rad2deg(found.twist):.1f}° rms; a steady twist looks like errors of heading'
-            ]
-        )
+        warn([f'the arm seems to twist by {twist:.1f}° rms; a steady twist looks like errors of heading'])
     return found.mountings, found.headings

@@ -86,7 +86,7 @@ def _read_estimate(
     path: Path, models: Sequence[str] | None
 ) -> tuple[Configuration, dict[str, Trajectory], tuple[np.ndarray, np.ndarray]]:
     """Configuration, marker trajectories by model, and a pose: arc lengths and positions of a bent backbone."""
-    from sesa2.bags.reading import read_configuration, read_path_farthest_from_straight, read_poses
+    from sesa2.bags.reading import read_configuration, read_path, read_poses
     from sesa2.shape.models import create_model
 
     text = read_configuration(path)
@@ -101,8 +101,10 @@ def _read_estimate(
         poses = read_poses(path, f'{name}/markers')
         times, positions = _increasing(poses.times_s, poses.positions)
         estimates[name] = Trajectory(times, positions, c.markers.names)
+    # For the figures: a pose that shows the arm well bent, its last marker being a median distance from the base.
     model = create_model(chosen[-1], c.geometry, **c.model_options(chosen[-1]))
-    pose = read_path_farthest_from_straight(path, f'{chosen[-1]}/shape')
+    reach = np.linalg.norm(poses.positions[:, -1], axis=-1)
+    pose = read_path(path, f'{chosen[-1]}/shape', int(np.argsort(reach)[len(reach) // 2]))
     return c, estimates, (model.link_ends, pose)
 
 

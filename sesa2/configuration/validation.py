@@ -125,7 +125,7 @@ def _one(place: str, kind: type, rule: Mapping[str, Any], value: Any, mistakes: 
         hint = ' (quote it)' if kind is str else ''
         mistakes.append(Mistake(place, f'got {value!r}, expected {_NAMES[kind]}{hint}'))
         return None
-    if kind is float and not math.isfinite(value):
+    if isinstance(value, float) and not math.isfinite(value):
         mistakes.append(Mistake(place, f'got {value}, expected a finite number'))
         return None
     low, high, above, choices = rule['low'], rule['high'], rule['above'], rule['choices']

@@ -65,11 +65,18 @@ class ImuMessages:
         acceleration : (3,), optional
             with gravity, in the sensor's axes, m/s².
         """
-        values = np.zeros((1, self._N))
-        values[0, :4] = orientation
-        values[0, self._NO_ANGULAR_VELOCITY] = -1.0
-        if acceleration is None:
-            values[0, self._NO_ACCELERATION] = -1.0
-        else:
+        values = self._values(np.asarray(orientation, dtype=float)[None])
+        if acceleration is not None:
+            values[0, self._NO_ACCELERATION] = 0.0
             values[0, self._ACCELERATION] = acceleration
         return self._template.make(np.array([stamp_ns]), values)[0].tobytes()
+
+    def make_many(self, stamps_ns: np.ndarray, orientations: np.ndarray) -> np.ndarray:
+        """Messages without acceleration at stamps (n,), ns, of q_WS (n, 4): a message a row, (n, size), uint8."""
+        return self._template.make(stamps_ns, self._values(orientations))
+
+    def _values(self, orientations: np.ndarray) -> np.ndarray:
+        values = np.zeros((len(orientations), self._N))
+        values[:, :4] = orientations
+        values[:, [self._NO_ANGULAR_VELOCITY, self._NO_ACCELERATION]] = -1.0
+        return values

@@ -4,6 +4,7 @@ import functools
 import threading
 import time
 from concurrent.futures import Future
+from concurrent.futures import TimeoutError as FutureTimeoutError
 from pathlib import Path
 from typing import Any
 
@@ -182,7 +183,7 @@ class SerialBridge(rclpy.node.Node):
         for i, future in reading.items():
             try:
                 self.on_offsets(i, future.result(max(0.0, deadline - time.monotonic())))
-            except TimeoutError:
+            except FutureTimeoutError:  # of its own kind until Python 3.11
                 failed.append(f'IMU {i}: no answer within {_OFFSETS_PATIENCE_S:g} s')
             except Sesa2Error as error:
                 failed.append(f'IMU {i}: {error}')

@@ -1,5 +1,6 @@
 """The shape models, a file each: a further one is a further file here with a class that has a `name`."""
 
+from abc import ABCMeta
 from importlib import import_module
 from pkgutil import iter_modules
 from typing import Any
@@ -12,7 +13,8 @@ def _registered() -> dict[str, type[Model]]:
     found = {}
     for file in iter_modules(__path__):
         for item in vars(import_module(f'{__name__}.{file.name}')).values():
-            if isinstance(item, type) and issubclass(item, Model) and 'name' in vars(item):
+            # `inspect.isclass` takes `Sequence[int]` for a class on Python 3.10, and then issubclass raises.
+            if isinstance(item, ABCMeta) and issubclass(item, Model) and 'name' in vars(item):
                 found[item.name] = item
     return found
 

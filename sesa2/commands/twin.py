@@ -1,0 +1,67 @@
+"""`sesa2 twin`: a simulated trial of the configured arm, with IMUs that err like real ones and the truth."""
+
+import argparse
+import math
+from dataclasses import fields, replace
+from pathlib import Path
+
+from sesa2.commands.arguments import add_config, load_config, positive, progress
+from sesa2.errors import Sesa2Error
+from sesa2.imu.error_model import Bno055Errors
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of the command."""
+    add_config(parser, 'prototype3_8')
+    parser.add_argument(
+        '--out', required=True, type=Path, metavar='TRIAL', help='bag to write; must not exist'
+    )
+    parser.add_argument('--seconds', type=positive, default=250.0, metavar='N', help='length (default: 250)')
+    parser.add_argument('--seed', type=int, default=1, metavar='K', help='of motion and errors (default: 1)')
+    parser.add_argument(
+        '--twist', type=float, default=0.0, metavar='RAD', help='twist that the hand applies besides, rad'
+    )
+    parser.add_argument(
+        '--error',
+        action='append',
+        default=[],
+        metavar='SOURCE=VALUE',
+        help='size of an error, SI units; 0 turns it off. Sources: '
+        + ', '.join(f.name for f in fields(Bno055Errors)),
+    )
+
+
+def run(options: argparse.Namespace) -> int:
+    """Simulate and write."""
+    from sesa2.bags.trial import write_trial
+    from sesa2.twin.simulation import simulate
+
+    c = load_config(options)
+    if options.out.exists():
+        raise Sesa2Error(f'{options.out}: exists already, expected the name of a new trial')
+    show = progress('twin')
+    trial = simulate(
+        c,
+        options.seconds,
+        options.seed,
+        (lambda done: show(round(1000 * done), 1000)) if show else None,
+        errors=replace(Bno055Errors(), **dict(map(_error, options.error))),
+        twist=options.twist,
+    )
+    write_trial(trial, c, options.out)
+    print(f'{options.out}: {options.seconds:g} s, {len(trial.stamps)} sweeps, truth on /truth/markers')
+    return 0
+
+
+def _error(text: str) -> tuple[str, float]:
+    name, equals, value = text.partition('=')
+    known = {f.name for f in fields(Bno055Errors)}
+    try:
+        number = float(value)
+    except ValueError:
+        number = math.nan
+    if name not in known or not equals or not number >= 0.0:
+        raise Sesa2Error(
+            f'--error {text}: expected SOURCE=VALUE, a number of 0 or more, SOURCE one of {", ".join(sorted(known))}'
+        )
+    return name, number
