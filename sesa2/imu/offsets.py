@@ -1,0 +1,198 @@
+"""Calibration offsets of the BNO055, and the file that keeps them while the chips are without power.
+
+The chip has no memory of its own for them (thesis 4.2.4): they are read from its registers 0x55 to 0x6A once its scores
+are full, kept here, and written back at every start.
+"""
+
+import os
+import stat
+import struct
+import tempfile
+from collections.abc import Iterable
+from dataclasses import astuple, dataclass
+from datetime import datetime, timezone
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import yaml
+
+from sesa2.errors import Sesa2Error
+
+Vector = tuple[int, int, int]
+
+_REGISTERS = struct.Struct('<11h')
+_VECTORS = ('accel_offset', 'mag_offset', 'gyro_offset')
+_RADII = ('accel_radius', 'mag_radius')
+
+
+class OffsetsError(Sesa2Error):
+    """A calibration file that cannot be read, understood or written."""
+
+
+@dataclass(frozen=True)
+class Offsets:
+    """Offsets of one chip in its own units, int16 each.
+
+    Attributes
+    ----------
+    accel_offset, mag_offset, gyro_offset
+        x, y, z in the sensor's frame.
+    accel_radius, mag_radius
+        Radii of the spheres that the fusion fits to its measurements.
+    """
+
+    accel_offset: Vector
+    mag_offset: Vector
+    gyro_offset: Vector
+    accel_radius: int
+    mag_radius: int
+
+    @classmethod
+    def from_registers(cls, registers: bytes) -> 'Offsets':
+        """From the 22 bytes of registers 0x55 to 0x6A."""
+        values = _REGISTERS.unpack(registers)
+        return cls(values[0:3], values[3:6], values[6:9], values[9], values[10])
+
+    def to_registers(self) -> bytes:
+        """The 22 bytes of registers 0x55 to 0x6A."""
+        accel, mag, gyro, *radii = astuple(self)
+        return _REGISTERS.pack(*accel, *mag, *gyro, *radii)
+
+
+class Calibration(NamedTuple):
+    """What a calibration file says about the IMUs that were asked for."""
+
+    offsets: dict[int, Offsets]
+    """By IMU id."""
+    missing: tuple[int, ...]
+    """Ids that the file has no entry for: these IMUs start uncalibrated, which the user is to be told."""
+
+
+def load_offsets(path: Path | str, ids: Iterable[int]) -> Calibration:
+    """Read the offsets of some IMUs; entries of others are left unread.
+
+    Raises
+    ------
+    OffsetsError
+        Naming the file and, if it is about one, the IMU, the key and what was expected.
+    """
+    path = Path(path)
+    entries = _read(path)['imus']
+    ids = tuple(ids)
+    found = {imu_id: _parse(entries[imu_id], f'{path}: imus.{imu_id}') for imu_id in ids if imu_id in entries}
+    return Calibration(found, tuple(imu_id for imu_id in ids if imu_id not in found))
+
+
+def save_offsets(path: Path | str, imu_id: int, offsets: Offsets, saved_at: datetime | None = None) -> None:
+    """Put one IMU's offsets into the file, which is made if it does not exist; what else it says stays as it is.
+
+    The new file takes the old one's place in one step: whatever happens meanwhile, one of the two is there, whole.
+
+    Parameters
+    ----------
+    path
+        The file. Of a symbolic link, the file that it points to.
+    imu_id
+        Whose offsets these are.
+    offsets
+        The offsets.
+    saved_at
+        Time to note beside them; by default now, UTC.
+
+    Raises
+    ------
+    OffsetsError
+        If the file there is no calibration file (it is not overwritten then), or the new one cannot be written
+        (the old one is untouched then).
+    """
+    path = Path(path).resolve()
+    document = _read(path) if path.exists() else {'imus': {}}
+    entry: dict[str, Any] = {key: list(getattr(offsets, key)) for key in _VECTORS}
+    entry |= {key: getattr(offsets, key) for key in _RADII}
+    entry['saved_at'] = (saved_at or datetime.now(timezone.utc)).isoformat(timespec='seconds')
+    document['imus'][imu_id] = entry
+    text = yaml.safe_dump(document, sort_keys=False, default_flow_style=None, allow_unicode=True)
+    try:
+        _replace(path, text.encode())
+    except OSError as error:
+        raise OffsetsError(f'{path}: offsets of IMU {imu_id} not saved: {error.strerror}') from None
+
+
+def _replace(path: Path, content: bytes) -> None:
+    mode = stat.S_IMODE(path.stat().st_mode) if path.exists() else 0o644
+    descriptor, name = tempfile.mkstemp(prefix=f'.{path.name}.', dir=path.parent)
+    try:
+        with os.fdopen(descriptor, 'wb') as file:
+            file.write(content)
+            file.flush()
+            os.fchmod(file.fileno(), mode)
+            os.fsync(file.fileno())
+        Path(name).replace(path)
+    except BaseException:
+        Path(name).unlink(missing_ok=True)
+        raise
+    # The rename itself is on the disk only when its directory is.
+    directory = os.open(path.parent, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        os.fsync(directory)
+    finally:
+        os.close(directory)
+
+
+class _Loader(yaml.SafeLoader):
+    """Refuses a key that stands twice, where YAML would silently take the last."""
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
+        seen = set()
+        for key_node, _ in node.value:
+            key = self.construct_object(key_node, deep=True)
+            if isinstance(key, (str, int)):
+                if key in seen:
+                    raise yaml.MarkedYAMLError(
+                        problem=f'key {key} stands twice', problem_mark=key_node.start_mark
+                    )
+                seen.add(key)
+        return super().construct_mapping(node, deep)
+
+
+def _read(path: Path) -> dict[str, Any]:
+    try:
+        document = yaml.load(path.read_bytes(), _Loader)
+    except OSError as error:
+        raise OffsetsError(f'calibration file {path}: {error.strerror}') from None
+    except yaml.YAMLError as error:
+        mark = getattr(error, 'problem_mark', None)
+        place = f', line {mark.line + 1}, column {mark.column + 1}' if mark else ''
+        raise OffsetsError(f'{path}{place}: {getattr(error, "problem", None) or error}') from None
+    if not isinstance(document, dict) or not isinstance(document.get('imus'), dict):
+        raise OffsetsError(
+            f'{path}: no calibration file, expected a mapping "imus: {{1: {{accel_offset: […], …}}}}"'
+        )
+    for imu_id in document['imus']:
+        if isinstance(imu_id, bool) or not isinstance(imu_id, int):
+            raise OffsetsError(f'{path}: imus.{imu_id}: an IMU is named by its id, a whole number')
+    return document
+
+
+def _parse(entry: object, place: str) -> Offsets:
+    if not isinstance(entry, dict):
+        raise OffsetsError(f'{place}: expected a mapping of offsets, got {entry!r}')
+    for key in (*_VECTORS, *_RADII):
+        if key not in entry:
+            raise OffsetsError(f'{place}: key {key} is missing')
+    accel, mag, gyro = (_vector(entry[key], f'{place}.{key}') for key in _VECTORS)
+    accel_radius, mag_radius = (_int16(entry[key], f'{place}.{key}') for key in _RADII)
+    return Offsets(accel, mag, gyro, accel_radius, mag_radius)
+
+
+def _vector(value: object, place: str) -> Vector:
+    if not isinstance(value, list) or len(value) != 3:
+        raise OffsetsError(f'{place}: expected a list of 3 whole numbers [x, y, z], got {value!r}')
+    x, y, z = (_int16(number, f'{place}[{k}]') for k, number in enumerate(value))
+    return x, y, z
+
+
+def _int16(value: object, place: str) -> int:
+    if isinstance(value, bool) or not isinstance(value, int) or not -32768 <= value <= 32767:
+        raise OffsetsError(f'{place}: expected a whole number from -32768 to 32767, got {value!r}')
+    return value

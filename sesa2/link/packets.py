@@ -1,0 +1,193 @@
+"""What the board sends unasked: orientations and accelerations, one packet a sweep (firmware/PROTOCOL.md).
+
+The wire counts multiplexer channels from 0 and puts a quaternion's scalar first; both end here: everywhere
+else an IMU is known by its id, channel + 1, and quaternions are x y z w.
+"""
+
+from enum import IntEnum
+from struct import Struct
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from sesa2.link.errors import PacketError
+
+VERSION = 1
+"""The protocol version that this package speaks."""
+CHANNELS = 8
+
+_DATA, _ACCELERATION = 1, 2
+_HEAD = Struct('<BBHIHB')  # type, version, seq, t_us, scan_us, mask
+_ENTRY = np.dtype([('health', 'u1'), ('calib', 'u1'), ('quaternion', '<i2', 4)])
+_XYZW, _WXYZ = [1, 2, 3, 0], [3, 0, 1, 2]
+_QUATERNION_LSB = 2.0**-14
+_ACCELERATION_LSB = 0.01
+_NOT_MEASURED = -32768
+
+
+class State(IntEnum):
+    """Where the board is with a chip."""
+
+    ABSENT = 0
+    TO_CONFIG = 1
+    TO_NDOF = 2
+    """On its way to the fusion mode, whichever was asked for."""
+    RUN = 3
+
+
+class Scores(NamedTuple):
+    """Calibration scores of a chip, 0 (not calibrated) to 3, as in register 0x35."""
+
+    sys: int
+    gyro: int
+    accel: int
+    mag: int
+
+    @classmethod
+    def from_register(cls, value: int) -> 'Scores':
+        """From the byte of register 0x35."""
+        return cls(value >> 6, value >> 4 & 3, value >> 2 & 3, value & 3)
+
+    @property
+    def register(self) -> int:
+        """The byte of register 0x35."""
+        return self.sys << 6 | self.gyro << 4 | self.accel << 2 | self.mag
+
+
+_IDS = [tuple(k + 1 for k in range(CHANNELS) if mask >> k & 1) for mask in range(256)]
+
+
+def ids_of(mask: int) -> tuple[int, ...]:
+    """Ids of the IMUs in a mask of channels, ascending."""
+    return _IDS[mask]
+
+
+def mask_of(ids: tuple[int, ...]) -> int:
+    """Mask of channels of some ids."""
+    return sum(1 << imu_id - 1 for imu_id in set(ids))
+
+
+class Sweep(NamedTuple):
+    """When and of which IMUs a packet is."""
+
+    seq: int
+    """Counts sweeps modulo 2¹⁶."""
+    t_us: int
+    """Board clock at the start of the sweep, µs modulo 2³²."""
+    scan_us: int
+    """Length of the sweep, µs."""
+    mask: int
+    """Channels in the packet."""
+
+    @property
+    def ids(self) -> tuple[int, ...]:
+        """Ids of the n IMUs in the packet, in the order of its rows."""
+        return _IDS[self.mask]
+
+    def read_ns(self) -> list[int]:
+        """When each IMU was read, ns after the start of the sweep."""
+        n = len(self.ids)
+        return [self.scan_us * 500 * (2 * k + 1) // n for k in range(n)]
+
+
+class Data(NamedTuple):
+    """Orientations of one sweep.
+
+    Attributes
+    ----------
+    orientations
+        Shape (n, 4), x y z w: q_WS of each IMU as the chip gave it, in steps of 2⁻¹⁴, not normalised; all
+        zero where the chip has not measured.
+    health
+        n bytes, ``errors << 4 | state``; see `states` and `errors`.
+    calib
+        n bytes, register 0x35; see `Scores`. One IMU's is refreshed per sweep.
+    """
+
+    sweep: Sweep
+    orientations: NDArray[np.float64]
+    health: bytes
+    calib: bytes
+
+    @property
+    def states(self) -> list[State]:
+        """State of each IMU."""
+        return [State(health & 0x0F) for health in self.health]
+
+    @property
+    def errors(self) -> list[int]:
+        """I2C errors of each IMU since it last ran, saturating at 15."""
+        return [health >> 4 for health in self.health]
+
+    @property
+    def scores(self) -> list[Scores]:
+        """Calibration scores of each IMU."""
+        return [Scores.from_register(calib) for calib in self.calib]
+
+
+class Acceleration(NamedTuple):
+    """Accelerations of one sweep.
+
+    Attributes
+    ----------
+    accelerations
+        Shape (n, 3), m/s², in the sensor's frame, gravity included; NaN where the chip has not measured.
+    """
+
+    sweep: Sweep
+    accelerations: NDArray[np.float64]
+
+
+def decode_stream(body: bytes) -> Data | Acceleration:
+    """The packet in an intact frame's body.
+
+    Raises
+    ------
+    PacketError
+        If type, version, state or length are none of this protocol.
+    """
+    if len(body) < _HEAD.size:
+        raise PacketError(f'a stream packet has at least {_HEAD.size} bytes, got {len(body)}')
+    kind, version, seq, t_us, scan_us, mask = _HEAD.unpack_from(body)
+    if version != VERSION:
+        raise PacketError(f'stream packet of protocol version {version}, expected {VERSION}')
+    sweep = Sweep(seq, t_us, scan_us, mask)
+    n = len(_IDS[mask])
+    if kind == _DATA:
+        _check_length(body, _ENTRY.itemsize * n, 'DATA', n)
+        health = body[_HEAD.size :: _ENTRY.itemsize]
+        if any(value & 0x0F > State.RUN for value in health):
+            raise PacketError(
+                f'DATA packet with a state beyond {State.RUN:d} in health bytes {health.hex(" ")}'
+            )
+        raw = np.frombuffer(body, _ENTRY, n, _HEAD.size)['quaternion']
+        calib = body[_HEAD.size + 1 :: _ENTRY.itemsize]
+        return Data(sweep, raw[:, _XYZW] * _QUATERNION_LSB, health, calib)
+    if kind == _ACCELERATION:
+        _check_length(body, 6 * n, 'ACCELERATION', n)
+        raw = np.frombuffer(body, '<i2', 3 * n, _HEAD.size).reshape(n, 3)
+        measured = (raw != _NOT_MEASURED).any(axis=1, keepdims=True)
+        return Acceleration(sweep, np.where(measured, raw * _ACCELERATION_LSB, np.nan))
+    raise PacketError(f'unknown packet type {kind}')
+
+
+def encode_data(sweep: Sweep, orientations: ArrayLike, health: bytes, calib: bytes) -> bytes:
+    """Body of a DATA packet: the inverse of `decode_stream`, rounding to steps of 2⁻¹⁴."""
+    entries = np.empty(len(sweep.ids), _ENTRY)
+    entries['health'] = list(health)
+    entries['calib'] = list(calib)
+    entries['quaternion'] = np.rint(np.asarray(orientations)[:, _WXYZ] / _QUATERNION_LSB)
+    return _HEAD.pack(_DATA, VERSION, *sweep) + entries.tobytes()
+
+
+def encode_acceleration(sweep: Sweep, accelerations: ArrayLike) -> bytes:
+    """Body of an ACCELERATION packet: the inverse of `decode_stream`, rounding to 0.01 m/s²."""
+    lsb = np.rint(np.asarray(accelerations, float) / _ACCELERATION_LSB)
+    raw = np.where(np.isnan(lsb), _NOT_MEASURED, lsb).astype('<i2')
+    return _HEAD.pack(_ACCELERATION, VERSION, *sweep) + raw.tobytes()
+
+
+def _check_length(body: bytes, entries: int, name: str, n: int) -> None:
+    if len(body) != _HEAD.size + entries:
+        raise PacketError(f'{name} packet of {n} IMUs has {_HEAD.size + entries} bytes, got {len(body)}')

@@ -1,0 +1,348 @@
+"""The virtual board's firmware: answers commands, reads chips, sends sweeps. No port and no clock of its own.
+
+Time is handed in, µs since the board started, so that the same code runs in a test step by step and on a
+pseudo-terminal by the clock.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from sesa2.link.commands import (
+    Command,
+    Configuration,
+    FusionMode,
+    Hello,
+    Reply,
+    Request,
+    Result,
+    Stats,
+    Stream,
+    decode_request,
+)
+from sesa2.link.errors import PacketError
+from sesa2.link.framing import FrameDecoder, encode_frame
+from sesa2.link.packets import (
+    CHANNELS,
+    VERSION,
+    State,
+    Sweep,
+    encode_acceleration,
+    encode_data,
+    ids_of,
+)
+from sesa2.link.virtual.arm import accelerations
+from sesa2.link.virtual.chip import Chip
+from sesa2.link.virtual.motion import FloatArray
+
+FIRMWARE = (1, 0)
+_TO_CONFIG_US, _TO_FUSION_US = 19_000, 7_000
+_WRITE_US = 1_000
+_READ_IMU_US = {0: 525, 1: 1_475}  # one IMU's share of a sweep at 400 and at 100 kHz
+_CONFIG = 0x00
+_AHEAD = 16
+_NEVER = 1 << 62
+
+Measure = Callable[[Sequence[int], FloatArray, FloatArray], FloatArray]
+"""Takes n ids, times since the board started, shape (m, n), µs, and n headings, rad; gives q_WS, shape (m, n, 4)."""
+
+
+@dataclass
+class _Channel:
+    """What the board knows about one channel of the multiplexer."""
+
+    state: State = State.ABSENT
+    due_us: int = _NEVER
+    """When the present change of mode is over."""
+    mode: int = _CONFIG
+    """Wanted; CONFIG until the channel is configured."""
+    kept: bytes | None = None
+    request: Request | None = None
+    """Answered when the chip is in CONFIG mode."""
+    errors: int = 0
+    all_errors: int = 0
+    comebacks: int = 0
+    ran: bool = False
+    lost: bool = False
+    calib: int = 0
+
+
+class Firmware:
+    """One start of the board: a reset makes a new one.
+
+    Parameters
+    ----------
+    chips
+        By id; channels without one are empty. Their power and memory outlive the board's.
+    measure
+        What the chips measure.
+    born_us
+        Time of the chips' world at the start of the board, µs.
+    baud
+        Of the line: a packet is due when its last bit has left.
+    version
+        Protocol version to claim.
+    """
+
+    def __init__(
+        self,
+        chips: Mapping[int, Chip],
+        measure: Measure,
+        *,
+        born_us: int = 0,
+        baud: int = 500_000,
+        version: int = VERSION,
+    ) -> None:
+        self._chips = chips
+        self._measure = measure
+        self._born_us = born_us
+        self._bit_us = 1e6 / baud
+        self._version = version
+        self._decoder = FrameDecoder()
+        self._channels = {imu_id: _Channel() for imu_id in ids_of(0xFF)}
+        self._malformed = 0
+        self._flags = Stream.STOP
+        self._configuration: Configuration | None = None
+        self._ids: tuple[int, ...] = ()
+        self._seq = 0
+        self._sweeps = 0
+        self._late = 0
+        self._max_scan_us = 0
+        self._sweep_us = 0
+        self._sweep_due_us = 0
+        self._sent_us = _NEVER
+        self._ahead: dict[int, FloatArray] = {}
+        self._out: list[bytes] = []
+        self.tx_dropped = 0
+
+    def receive(self, portion: bytes, now_us: int) -> None:
+        """Take bytes from the PC."""
+        for body in self._decoder.feed(portion):
+            try:
+                request = decode_request(body)
+            except PacketError:
+                self._malformed += 1
+            else:
+                self._take(request, now_us)
+
+    def advance(self, now_us: int) -> list[bytes]:
+        """Let time pass; the frames that have left by then."""
+        while self._sent_us <= now_us:
+            self._step(self._sent_us)
+            self._send_sweep()
+        self._step(now_us)
+        out, self._out = self._out, []
+        return out
+
+    def next_us(self) -> int:
+        """When `advance` has something to do again, if nothing is received before."""
+        return min(self._sent_us, *(channel.due_us for channel in self._channels.values()))
+
+    def _take(self, request: Request, now_us: int) -> None:
+        if request.command is Command.HELLO:
+            answering = sum(
+                1 << i - 1 for i, chip in self._chips.items() if chip.answers(self._born_us + now_us)
+            )
+            self._reply(request, Result.OK, Hello(*FIRMWARE, answering, now_us // 1000).pack())
+        elif request.version != self._version:
+            self._reply(request, Result.BAD_ARGUMENT)
+        elif request.command is Command.CONFIGURE:
+            self._configure(request, now_us)
+        elif request.command is Command.STREAM:
+            self._stream(request, now_us)
+        elif request.command is Command.STATS:
+            self._reply(request, Result.OK, self._stats().pack())
+        else:
+            self._visit(request, now_us)
+
+    def _reply(self, request: Request, result: Result, fields: bytes = b'') -> None:
+        self._out.append(
+            encode_frame(Reply(request.command, request.token, result, fields, self._version).encode())
+        )
+
+    def _configure(self, request: Request, now_us: int) -> None:
+        configuration = Configuration(*request.arguments)
+        if (
+            not 1 <= configuration.rate_hz <= 100
+            or configuration.mode not in list(FusionMode)
+            or configuration.i2c_100khz > 1
+        ):
+            self._reply(request, Result.BAD_ARGUMENT)
+            return
+        self._configuration = configuration
+        self._ids = ids_of(configuration.mask)
+        for imu_id in self._ids:
+            channel = self._channels[imu_id]
+            if channel.mode != configuration.mode:
+                channel.mode = configuration.mode
+                if channel.state is not State.ABSENT:
+                    self._to_config(channel, now_us, _TO_CONFIG_US)
+        self._reply(request, Result.OK)
+        if self._flags:
+            self._begin_sweeps(now_us)
+
+    def _stream(self, request: Request, now_us: int) -> None:
+        flags = request.arguments[0]
+        if flags > Stream.QUATERNIONS | Stream.ACCELERATION or (flags and not self._ids):
+            self._reply(request, Result.BAD_ARGUMENT)
+            return
+        self._reply(request, Result.OK)
+        if flags and not self._flags:
+            self._flags = flags
+            self._begin_sweeps(now_us)
+        self._flags = flags
+        if not flags:
+            self._sent_us = _NEVER
+
+    def _visit(self, request: Request, now_us: int) -> None:
+        """WRITE_OFFSETS, READ_OFFSETS and RESET_IMU: the chip is to be seen in CONFIG mode, or to start anew."""
+        number = request.arguments[0]
+        if number >= CHANNELS:
+            self._reply(request, Result.BAD_ARGUMENT)
+            return
+        channel, chip = self._channels[number + 1], self._chips.get(number + 1)
+        absent = chip is None or channel.state is State.ABSENT
+        if absent:
+            if request.command is Command.WRITE_OFFSETS:
+                channel.kept = request.arguments[1:]
+            booting = chip is not None and chip.ready_us is not None
+            self._reply(request, Result.BUSY if booting else Result.ABSENT)
+        elif channel.due_us != _NEVER:
+            self._reply(request, Result.BUSY)
+        elif request.command is Command.RESET_IMU:
+            assert chip is not None
+            chip.power_on(self._born_us + now_us)
+            self._lose(channel)
+            self._reply(request, Result.OK)
+        else:
+            if request.command is Command.WRITE_OFFSETS:
+                channel.kept = request.arguments[1:]
+            channel.request = request
+            self._to_config(channel, now_us, _TO_CONFIG_US if channel.state is State.RUN else _WRITE_US)
+
+    def _to_config(self, channel: _Channel, now_us: int, duration_us: int) -> None:
+        channel.state, channel.due_us = State.TO_CONFIG, now_us + duration_us
+
+    def _lose(self, channel: _Channel) -> None:
+        channel.state, channel.due_us, channel.lost, channel.calib = State.ABSENT, _NEVER, channel.ran, 0
+        if channel.request:
+            self._reply(channel.request, Result.ABSENT)
+            channel.request = None
+
+    def _step(self, now_us: int) -> None:
+        """Take every channel as far as it gets by now."""
+        world_us = self._born_us + now_us
+        for imu_id, chip in self._chips.items():
+            channel = self._channels[imu_id]
+            if not chip.answers(world_us):
+                channel.errors = min(15, channel.errors + 1)
+                if channel.state is not State.ABSENT:
+                    channel.all_errors = min(65535, channel.all_errors + 1)
+                    self._lose(channel)
+                channel.due_us = _NEVER if chip.ready_us is None else chip.ready_us - self._born_us
+            elif channel.state is State.ABSENT:
+                self._to_config(channel, now_us, _TO_CONFIG_US)
+            if channel.state is State.TO_CONFIG and channel.due_us <= now_us:
+                self._in_config(channel, chip, now_us)
+            if channel.state is State.TO_NDOF and channel.due_us <= now_us:
+                chip.set_mode(channel.mode, world_us)
+                if channel.lost:
+                    channel.comebacks = min(255, channel.comebacks + 1)
+                channel.state, channel.due_us, channel.errors = State.RUN, _NEVER, 0
+                channel.ran, channel.lost = True, False
+                self._ahead.clear()  # the chip may have another heading
+
+    def _in_config(self, channel: _Channel, chip: Chip, now_us: int) -> None:
+        chip.set_mode(_CONFIG, self._born_us + now_us)
+        if channel.kept is not None and chip.read_offsets() != channel.kept:
+            chip.write_offsets(channel.kept)
+        if request := channel.request:
+            reading = request.command is Command.READ_OFFSETS
+            self._reply(request, Result.OK, chip.read_offsets() if reading else b'')
+            channel.request = None
+        if channel.mode == _CONFIG:
+            channel.due_us = _NEVER
+        else:
+            channel.state, channel.due_us = State.TO_NDOF, now_us + _TO_FUSION_US
+
+    def _begin_sweeps(self, now_us: int) -> None:
+        self._ahead.clear()
+        self._sweep_us = self._sweep_due_us = now_us
+        self._sent_us = self._when_sent()
+
+    def _scan_us(self) -> int:
+        assert self._configuration is not None
+        return len(self._ids) * _READ_IMU_US[self._configuration.i2c_100khz]
+
+    def _when_sent(self) -> int:
+        line_bytes = (15 + 10 * len(self._ids)) * bool(self._flags & Stream.QUATERNIONS)
+        line_bytes += (15 + 6 * len(self._ids)) * bool(self._flags & Stream.ACCELERATION)
+        return self._sweep_us + self._scan_us() + round(10 * line_bytes * self._bit_us)
+
+    def _send_sweep(self) -> None:
+        assert self._configuration is not None
+        n, scan_us = len(self._ids), self._scan_us()
+        sweep = Sweep(self._seq, self._sweep_us % (1 << 32), scan_us, self._configuration.mask)
+        channels = [self._channels[imu_id] for imu_id in self._ids]
+        refreshed = self._sweeps % n
+        if channels[refreshed].state is State.RUN:
+            channels[refreshed].calib = self._chips[self._ids[refreshed]].calib(
+                self._born_us + self._sweep_us
+            )
+        running = np.array([channel.state is State.RUN for channel in channels])
+        q = np.where(running[:, np.newaxis], self._measured(), 0.0)
+        if self._flags & Stream.QUATERNIONS:
+            health = bytes(channel.errors << 4 | channel.state for channel in channels)
+            calib = bytes(channel.calib for channel in channels)
+            self._out.append(encode_frame(encode_data(sweep, q, health, calib)))
+        if self._flags & Stream.ACCELERATION:
+            a = np.where(running[:, np.newaxis], accelerations(q), np.nan)
+            self._out.append(encode_frame(encode_acceleration(sweep, a)))
+        self._seq = (self._seq + 1) % (1 << 16)
+        self._sweeps += 1
+        self._max_scan_us = max(self._max_scan_us, scan_us)
+        self._schedule(scan_us)
+
+    def _measured(self) -> FloatArray:
+        """q_WS of the configured IMUs in this sweep, shape (n, 4); anything for those that do not measure.
+
+        numpy's price is by the call, and sweeps are regular: so many are computed at once, ahead of time.
+        """
+        if self._sweep_us not in self._ahead:
+            n, scan_us = len(self._ids), self._scan_us()
+            rows = [k for k, imu_id in enumerate(self._ids) if imu_id in self._chips]
+            ids = [self._ids[k] for k in rows]
+            starts = self._sweep_us + max(self._period_us(), scan_us) * np.arange(_AHEAD)
+            read_us = starts[:, np.newaxis] + scan_us * (np.array(rows) + 0.5) / n
+            q = np.zeros((_AHEAD, n, 4))
+            q[:, rows] = self._measure(ids, read_us, np.array([self._chips[i].heading for i in ids]))
+            self._ahead = dict(zip(starts.tolist(), q, strict=True))
+        return self._ahead.pop(self._sweep_us)
+
+    def _period_us(self) -> int:
+        assert self._configuration is not None
+        return 1_000_000 // self._configuration.rate_hz
+
+    def _schedule(self, scan_us: int) -> None:
+        self._sweep_due_us += self._period_us()
+        self._sweep_us = max(self._sweep_due_us, self._sweep_us + scan_us)
+        if self._sweep_us - self._sweep_due_us > 1000:
+            self._late += 1
+            self._sweep_due_us = self._sweep_us
+        self._sent_us = self._when_sent()
+
+    def _stats(self) -> Stats:
+        channels = self._channels.values()
+        return Stats(
+            sweeps=self._sweeps,
+            late=self._late,
+            max_scan_us=self._max_scan_us,
+            bus_recoveries=0,
+            rx_bad=min(65535, self._decoder.errors.total + self._malformed),
+            rx_overflow=0,
+            tx_dropped=min(65535, self.tx_dropped),
+            reset_cause=1,
+            comebacks=tuple(channel.comebacks for channel in channels),
+            errors=tuple(channel.all_errors for channel in channels),
+        )

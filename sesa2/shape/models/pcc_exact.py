@@ -1,0 +1,104 @@
+"""Piecewise constant curvature in closed form: what `pcc` tends to as its links get shorter (thesis 3.2.2)."""
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from sesa2.shape.arm import Arm
+from sesa2.shape.curve import Curve, CurveModel
+from sesa2.shape.model import with_base
+from sesa2.shape.rotations import (
+    SMALL_ANGLE,
+    FloatArray,
+    conjugate,
+    multiply,
+    slerp,
+    tangent,
+    to_rotation_vector,
+)
+
+
+def arc(rotation: FloatArray, start: FloatArray) -> FloatArray:
+    """Displacement along an arc of unit length whose cross-section turns at a constant rate.
+
+    Thesis eq. 3.8, corrected: V(w) t₀ with V(w) = I + (1 − cos θ)/θ² [w]ₓ + (θ − sin θ)/θ³ [w]ₓ² and θ = |w|. It is
+    the integral of exp(τ [w]ₓ) t₀ over τ from 0 to 1, twist included. As printed, 3.8 holds for pure tangent
+    quaternions only and not for attitudes.
+
+    Parameters
+    ----------
+    rotation : (..., 3)
+        w, the rotation from start to end in world axes, rad.
+    start : (..., 3)
+        t₀, the unit tangent at the start.
+
+    Returns
+    -------
+    (..., 3), displacement per length.
+    """
+    angle2 = np.einsum('...i,...i->...', rotation, rotation)
+    angle = np.sqrt(angle2)
+    small = (
+        angle < 10.0 * SMALL_ANGLE
+    )  # cancellation in θ − sin θ begins early; the series' next terms are below 1e-15
+    safe = np.where(small, 1.0, angle)
+    first = np.where(small, 0.5 - angle2 / 24.0 + angle2**2 / 720.0, (1.0 - np.cos(safe)) / safe**2)
+    second = np.where(small, 1.0 / 6.0 - angle2 / 120.0 + angle2**2 / 5040.0, (safe - np.sin(safe)) / safe**3)
+    once = np.cross(rotation, start)
+    return start + first[..., None] * once + second[..., None] * np.cross(rotation, once)
+
+
+class Arcs(Curve):
+    """Arcs from station to station; straight past the last IMU."""
+
+    def __init__(self, model: 'PccExact', stations: FloatArray):
+        super().__init__(model)
+        self._stations = stations
+        self._tangents = tangent(stations)
+        self._rotations = to_rotation_vector(multiply(stations[..., 1:, :], conjugate(stations[..., :-1, :])))
+        steps = model.section_lengths[:, None] * arc(self._rotations, self._tangents[..., :-1, :])
+        self._joints = np.zeros((*steps.shape[:-2], steps.shape[-2] + 1, 3))
+        np.cumsum(steps, axis=-2, out=self._joints[..., 1:, :])
+
+    def positions(self, s: ArrayLike) -> FloatArray:
+        """See Backbone."""
+        section, fraction, on_arc, past = self._model.at(s)
+        partial = arc(
+            fraction[:, None] * self._rotations[..., section, :], self._tangents.take(section, axis=-2)
+        )
+        points = self._joints.take(section, axis=-2) + on_arc[:, None] * partial
+        return points + past[:, None] * self._tangents[..., -1:, :] if past.any() else points
+
+    def orientations(self, s: ArrayLike) -> FloatArray:
+        """See Backbone. Slerp from station to station."""
+        section, fraction, _, _ = self._model.at(s)
+        return slerp(
+            self._stations.take(section, axis=-2), self._stations.take(section + 1, axis=-2), fraction
+        )
+
+
+class PccExact(CurveModel):
+    """Constant curvature (and twist) from station to station.
+
+    Parameters
+    ----------
+    arm
+        the arm.
+    links
+        number of links that stand for it on the ROS graph.
+    """
+
+    name = 'pcc_exact'
+
+    def __init__(self, arm: Arm, links: int = 64):
+        super().__init__(arm, links)
+        self.section_lengths = np.diff(arm.stations)
+
+    def _fit(self, orientations: FloatArray, base: FloatArray) -> Arcs:
+        return Arcs(self, with_base(orientations, base))
+
+    def _precompute(self, s: FloatArray) -> tuple[np.ndarray, FloatArray, FloatArray, FloatArray]:
+        """Section, fraction of it (at most 1), length on the arc and length past the last IMU; each (n,)."""
+        section, fraction = self._sections(s)
+        fraction = np.minimum(fraction, 1.0)
+        past = np.maximum(s - self.arm.imu_positions[-1], 0.0)
+        return section, fraction, fraction * self.section_lengths[section], past

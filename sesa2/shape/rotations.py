@@ -1,0 +1,203 @@
+"""Unit quaternions, batched.
+
+Every quaternion is an array of shape (..., 4) in the order x, y, z, w; leading axes broadcast. `q_AB` rotates
+components in frame B into components in frame A, so that `q_AC = multiply(q_AB, q_BC)` and `v_A = rotate(q_AB, v_B)`.
+Rotation vectors are axis times angle, rad, shape (..., 3).
+"""
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+FloatArray = NDArray[np.float64]
+
+IDENTITY = np.array([0.0, 0.0, 0.0, 1.0])
+IDENTITY.setflags(write=False)
+
+# Below this angle (rad) a Taylor series replaces a quotient that loses digits; its next term is then below 1e-17.
+SMALL_ANGLE = 1e-3
+
+
+def normalize(q: ArrayLike) -> FloatArray:
+    """Scale quaternions to unit norm.
+
+    Parameters
+    ----------
+    q : (..., 4)
+        x y z w, norm not zero.
+
+    Returns
+    -------
+    (..., 4), unit quaternions.
+    """
+    q = np.asarray(q, dtype=float)
+    return q / np.sqrt(np.einsum('...i,...i->...', q, q))[..., None]
+
+
+def multiply(p: ArrayLike, q: ArrayLike) -> FloatArray:
+    """Hamilton product p ⊗ q: the rotation q followed by p.
+
+    Parameters
+    ----------
+    p, q : (..., 4)
+        x y z w.
+
+    Returns
+    -------
+    (..., 4), p ⊗ q.
+    """
+    p, q = np.asarray(p, dtype=float), np.asarray(q, dtype=float)
+    px, py, pz, pw = p[..., 0], p[..., 1], p[..., 2], p[..., 3]
+    qx, qy, qz, qw = q[..., 0], q[..., 1], q[..., 2], q[..., 3]
+    w = pw * qw - px * qx - py * qy - pz * qz
+    out = np.empty((*w.shape, 4))
+    out[..., 0] = pw * qx + px * qw + py * qz - pz * qy
+    out[..., 1] = pw * qy - px * qz + py * qw + pz * qx
+    out[..., 2] = pw * qz + px * qy - py * qx + pz * qw
+    out[..., 3] = w
+    return out
+
+
+def conjugate(q: ArrayLike) -> FloatArray:
+    """Inverse rotation of unit quaternions q_AB: q_BA, shape (..., 4)."""
+    return np.asarray(q, dtype=float) * (-1.0, -1.0, -1.0, 1.0)
+
+
+def rotate(q: ArrayLike, v: ArrayLike) -> FloatArray:
+    """Rotate vectors.
+
+    Parameters
+    ----------
+    q : (..., 4)
+        unit quaternions q_AB, x y z w.
+    v : (..., 3)
+        components in B.
+
+    Returns
+    -------
+    (..., 3), components in A.
+    """
+    q, v = np.asarray(q, dtype=float), np.asarray(v, dtype=float)
+    u, w = q[..., :3], q[..., 3:]
+    t = 2.0 * np.cross(u, v)
+    return v + w * t + np.cross(u, t)
+
+
+def tangent(q: ArrayLike) -> FloatArray:
+    """Image of the z axis, the direction in which a link points: third column of the rotation matrix.
+
+    Parameters
+    ----------
+    q : (..., 4)
+        unit quaternions, x y z w.
+
+    Returns
+    -------
+    (..., 3), unit vectors.
+    """
+    q = np.asarray(q, dtype=float)
+    x, y, z, w = q[..., 0], q[..., 1], q[..., 2], q[..., 3]
+    out = np.empty((*x.shape, 3))
+    out[..., 0] = 2.0 * (x * z + w * y)
+    out[..., 1] = 2.0 * (y * z - w * x)
+    out[..., 2] = 1.0 - 2.0 * (x * x + y * y)
+    return out
+
+
+def from_rotation_vector(v: ArrayLike) -> FloatArray:
+    """Exponential map.
+
+    Parameters
+    ----------
+    v : (..., 3)
+        rotation vectors, rad.
+
+    Returns
+    -------
+    (..., 4), unit quaternions, x y z w.
+    """
+    v = np.asarray(v, dtype=float)
+    angle2 = np.einsum('...i,...i->...', v, v)
+    angle = np.sqrt(angle2)
+    half_sinc = np.where(
+        angle < SMALL_ANGLE, 0.5 - angle2 / 48.0, np.sin(0.5 * angle) / np.where(angle == 0.0, 1.0, angle)
+    )
+    out = np.empty((*angle.shape, 4))
+    out[..., :3] = half_sinc[..., None] * v
+    out[..., 3] = np.cos(0.5 * angle)
+    return out
+
+
+def to_rotation_vector(q: ArrayLike) -> FloatArray:
+    """Logarithm: the shortest rotation vector, so that q and −q give the same.
+
+    Parameters
+    ----------
+    q : (..., 4)
+        unit quaternions, x y z w.
+
+    Returns
+    -------
+    (..., 3), rotation vectors, rad, length at most π. At π exactly the sign of the axis is arbitrary.
+    """
+    q = np.asarray(q, dtype=float)
+    q = np.where(q[..., 3:] < 0.0, -q, q)
+    sine = np.sqrt(np.einsum('...i,...i->...', q[..., :3], q[..., :3]))
+    angle = 2.0 * np.arctan2(sine, q[..., 3])
+    # angle / sine = 2 (1 + sine²/6 + …) near zero
+    scale = np.where(sine < SMALL_ANGLE, 2.0 + sine * sine / 3.0, angle / np.where(sine == 0.0, 1.0, sine))
+    return scale[..., None] * q[..., :3]
+
+
+def slerp(a: ArrayLike, b: ArrayLike, t: ArrayLike) -> FloatArray:
+    """Spherical linear interpolation, the short way.
+
+    Paper eq. 4 and thesis eq. 3.12 leave out the choice between b and −b; without it random signs bend the arm the
+    long way round.
+
+    Parameters
+    ----------
+    a, b : (..., 4)
+        unit quaternions, x y z w.
+    t : (...)
+        0 gives a, 1 gives b; broadcasts against the leading axes of a and b.
+
+    Returns
+    -------
+    (..., 4), unit quaternions. Where a and b are exactly π apart, one of the two ways.
+    """
+    a, b, t = np.asarray(a, dtype=float), np.asarray(b, dtype=float), np.asarray(t, dtype=float)
+    b = np.where(np.einsum('...i,...i->...', a, b)[..., None] < 0.0, -b, b)
+    # The angle between a and b on the sphere, in [0, π/2], to full precision at both ends.
+    d, s = b - a, b + a
+    angle = 2.0 * np.arctan2(
+        np.sqrt(np.einsum('...i,...i->...', d, d)), np.sqrt(np.einsum('...i,...i->...', s, s))
+    )
+    small = angle < 1e-7  # sin(t·angle)/sin(angle) is t to the last digit
+    sine = np.where(small, 1.0, np.sin(angle))
+    weight_a = np.where(small, 1.0 - t, np.sin((1.0 - t) * angle) / sine)
+    weight_b = np.where(small, t, np.sin(t * angle) / sine)
+    return weight_a[..., None] * a + weight_b[..., None] * b
+
+
+def swing(a: ArrayLike, b: ArrayLike) -> FloatArray:
+    """Least rotation that takes one direction onto another.
+
+    Parameters
+    ----------
+    a, b : (..., 3)
+        unit vectors in the same frame.
+
+    Returns
+    -------
+    (..., 4), unit quaternions q with rotate(q, a) = b. Opposite vectors turn about some perpendicular axis.
+    """
+    a, b = np.broadcast_arrays(np.asarray(a, dtype=float), np.asarray(b, dtype=float))
+    out = np.empty((*a.shape[:-1], 4))
+    out[..., :3] = np.cross(a, b)
+    out[..., 3] = 1.0 + np.einsum('...i,...i->...', a, b)
+    opposite = out[..., 3] < 1e-12
+    if np.any(opposite):
+        axis = np.where(np.abs(a[..., :1]) < 0.9, np.cross(a, (1.0, 0.0, 0.0)), np.cross(a, (0.0, 1.0, 0.0)))
+        out[opposite, :3] = axis[opposite]
+        out[opposite, 3] = 0.0
+    return normalize(out)

@@ -1,0 +1,216 @@
+"""The shape models against scipy, a circle and each other."""
+
+import numpy as np
+import pytest
+from scipy.integrate import quad_vec
+from scipy.spatial.transform import Rotation, Slerp
+
+from sesa2.shape.arm import Arm, GeometryError
+from sesa2.shape.models import MODELS, create_model
+from sesa2.shape.rotations import IDENTITY, multiply, normalize
+
+ARM = Arm(0.66, (0.08, 0.16, 0.24, 0.32, 0.40, 0.48, 0.56, 0.64))
+S = np.linspace(0.0, ARM.length, 34)
+
+
+@pytest.fixture
+def rng():
+    return np.random.default_rng(7)
+
+
+def options(name, arm, n=2):
+    return {'rigid': {}, 'pcc': {'segments': [n] * len(arm.imu_positions)}}.get(name, {})
+
+
+def bent_arm(rng, arm, batch=(), step=0.7):
+    """Orientations whose neighbours differ by a random rotation of about `step` rad, with random signs."""
+    n = len(arm.imu_positions)
+    q = np.empty((*batch, n, 4))
+    base = last = normalize(rng.normal(size=(*batch, 4)))
+    for i in range(n):
+        turn = Rotation.from_rotvec(step * rng.normal(size=(*batch, 3)).reshape(-1, 3) / np.sqrt(3)).as_quat()
+        last = multiply(turn.reshape(*batch, 4), last)
+        q[..., i, :] = last * rng.choice([-1.0, 1.0], size=(*batch, 1))
+    return q, base
+
+
+def scipy_pcc(arm, q, base, n, s):
+    """Paper eq. 3–7 with scipy's Slerp, link by link."""
+    at, stations = arm.stations, np.vstack([base, q])
+    slerp = Slerp(at, Rotation.from_quat(stations))
+    joints, tangents, ends = [np.zeros(3)], [], [0.0]
+    for i in range(len(q)):
+        length = (at[i + 1] - at[i]) / n
+        for k in range(n):
+            t = slerp(at[i] + (2 * k + 1) / (2 * n) * (at[i + 1] - at[i])).apply([0, 0, 1])
+            tangents.append(t)
+            joints.append(joints[-1] + length * t)
+            ends.append(ends[-1] + length)
+    tangents.append(Rotation.from_quat(q[-1]).apply([0, 0, 1]))
+    ends.append(arm.length)
+    link = np.clip(np.searchsorted(ends, s, side='right') - 1, 0, len(tangents) - 1)
+    return np.array([joints[j] + (x - ends[j]) * tangents[j] for x, j in zip(s, link, strict=True)])
+
+
+@pytest.mark.parametrize('n', [1, 2, 5])
+def test_pcc_is_the_papers_chain(rng, n):
+    q, base = bent_arm(rng, ARM)
+    model = create_model('pcc', ARM, segments=[n] * 8)
+    np.testing.assert_allclose(model.fit(q, base).positions(S), scipy_pcc(ARM, q, base, n, S), atol=1e-13)
+
+
+def test_rigid_is_the_papers_chain(rng):
+    q, base = bent_arm(rng, ARM)
+    t = Rotation.from_quat(q).apply([0, 0, 1])
+    for boundaries, ends in [
+        ('midpoint', [0.12, 0.20, 0.28, 0.36, 0.44, 0.52, 0.60, 0.66]),
+        ('endpoint', [0.08, 0.16, 0.24, 0.32, 0.40, 0.48, 0.56, 0.66]),
+        ([0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.65], [0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.65, 0.66]),
+    ]:
+        joints = np.cumsum(np.diff([0.0, *ends])[:, None] * t, axis=0)
+        backbone = create_model('rigid', ARM, boundaries=boundaries).fit(q, base)
+        np.testing.assert_allclose(backbone.positions(ends), joints, atol=1e-15)
+    model = create_model('rigid', ARM, base_link_length=0.05)
+    assert model.n_links == 9
+    t0 = Rotation.from_quat(base).apply([0, 0, 1])
+    np.testing.assert_allclose(
+        model.fit(q, base).positions([0.05, 0.12]), [0.05 * t0, 0.05 * t0 + 0.07 * t[0]]
+    )
+
+
+def test_exact_pcc_is_the_integral_of_the_slerped_tangent(rng):
+    q, base = bent_arm(rng, ARM)
+    slerp = Slerp(ARM.stations, Rotation.from_quat(np.vstack([base, q])))
+
+    def tangent(s):
+        return slerp(min(s, 0.64)).apply([0, 0, 1])
+
+    backbone = create_model('pcc_exact', ARM).fit(q, base)
+    for s in (0.0, 0.03, 0.08, 0.39, 0.64, 0.66):
+        knots = [k for k in ARM.stations if 0 < k < s]
+        expected, _ = quad_vec(tangent, 0.0, s, points=knots or None, epsabs=1e-12)
+        np.testing.assert_allclose(backbone.positions([s])[0], expected, atol=1e-10)
+        np.testing.assert_allclose(
+            Rotation.from_quat(backbone.orientations([s])[0]).as_matrix(),
+            slerp(min(s, 0.64)).as_matrix(),
+            atol=1e-12,
+        )
+
+
+@pytest.mark.parametrize(
+    'bend', [0.0, 1e-12, 1e-9, 1e-7, 1e-4, 9e-3, 1.1e-2, 0.5, np.pi / 2, 3.0, np.pi - 1e-9]
+)
+def test_exact_pcc_on_a_circle(bend):
+    """An arm bent in one plane by `bend` per section lies on a circle; chord and sagitta are known."""
+    n = np.arange(1, 9)
+    q = np.stack([0 * n, np.sin(n * bend / 2), 0 * n, np.cos(n * bend / 2)], axis=-1)
+    s = np.linspace(0.0, 0.64, 23)
+    angle = s / 0.08 * bend
+    points = create_model('pcc_exact', ARM).fit(q).positions(s)
+    chord = s * np.sinc(angle / 2 / np.pi)
+    np.testing.assert_allclose(points[:, 0], chord * np.sin(angle / 2), atol=1e-14)
+    np.testing.assert_allclose(points[:, 2], chord * np.cos(angle / 2), atol=1e-14)
+    np.testing.assert_allclose(points[:, 1], 0.0, atol=1e-15)
+
+
+def test_pcc_tends_to_exact_pcc_as_the_square_of_the_links(rng):
+    q, base = bent_arm(rng, ARM)
+    exact = create_model('pcc_exact', ARM).fit(q, base).positions(ARM.stations)
+    error = [
+        np.abs(create_model('pcc', ARM, segments=[n] * 8).fit(q, base).positions(ARM.stations) - exact).max()
+        for n in (4, 8, 16, 32)
+    ]
+    np.testing.assert_allclose(np.divide(error[:-1], error[1:]), 4.0, rtol=0.03)
+
+
+def test_links_of_a_curve_tend_to_it_as_the_square_of_their_number(rng):
+    q, base = bent_arm(rng, ARM)
+    errors = []
+    for links in (66, 132, 264):  # a joint at every IMU, so that no link straddles a jump of curvature
+        model = create_model('pcc_exact', ARM, links=links)
+        backbone = model.fit(q, base)
+        tangents = Rotation.from_quat(backbone.link_orientations).apply([0, 0, 1])
+        chain = np.vstack([np.zeros(3), np.cumsum(np.diff(model.link_ends)[:, None] * tangents, axis=0)])
+        errors.append(np.abs(chain - backbone.positions(model.link_ends)).max())
+    np.testing.assert_allclose(np.divide(errors[:-1], errors[1:]), 4.0, rtol=0.05)
+
+
+@pytest.mark.parametrize('name', list(MODELS))
+def test_signs_of_quaternions_mean_nothing(rng, name):
+    q, base = bent_arm(rng, ARM, batch=(30,))
+    model = create_model(name, ARM, **options(name, ARM))
+    expected = model.fit(q, base).positions(S)
+    flipped = model.fit(q * rng.choice([-1.0, 1.0], size=(30, 8, 1)), -base).positions(S)
+    np.testing.assert_allclose(flipped, expected, atol=1e-13)
+
+
+@pytest.mark.parametrize('name', list(MODELS))
+def test_a_batch_is_its_members(rng, name):
+    q, base = bent_arm(rng, ARM, batch=(2, 3))
+    model = create_model(name, ARM, **options(name, ARM))
+    together = model.fit(q, base)
+    assert together.positions(S).shape == (2, 3, len(S), 3)
+    assert together.link_orientations.shape == (2, 3, model.n_links, 4)
+    alone = model.fit(q[1, 2], base[1, 2])
+    np.testing.assert_allclose(together.positions(S)[1, 2], alone.positions(S), atol=1e-15)
+    np.testing.assert_allclose(together.orientations(S)[1, 2], alone.orientations(S), atol=1e-15)
+    np.testing.assert_allclose(together.link_orientations[1, 2], alone.link_orientations, atol=1e-15)
+
+
+@pytest.mark.parametrize('name', list(MODELS))
+@pytest.mark.parametrize('n_imu', [1, 2, 3, 8])
+def test_a_straight_arm_is_straight(name, n_imu):
+    arm = Arm(0.5, tuple(0.5 * (i + 1) / n_imu for i in range(n_imu)))
+    backbone = create_model(name, arm, **options(name, arm)).fit(np.tile(IDENTITY, (n_imu, 1)))
+    points = backbone.positions([0.0, 0.1, 0.5])
+    np.testing.assert_allclose(points, [[0, 0, 0], [0, 0, 0.1], [0, 0, 0.5]], atol=1e-15)
+
+
+@pytest.mark.parametrize('name', list(MODELS))
+def test_the_whole_turns_with_its_orientations(rng, name):
+    q, base = bent_arm(rng, ARM)
+    turn = normalize(rng.normal(size=4))
+    model = create_model(name, ARM, **options(name, ARM))
+    turned = model.fit(multiply(turn, q), multiply(turn, base)).positions(S)
+    np.testing.assert_allclose(
+        turned, Rotation.from_quat(turn).apply(model.fit(q, base).positions(S)), atol=1e-13
+    )
+
+
+@pytest.mark.parametrize('name', list(MODELS))
+@pytest.mark.parametrize('angle', [np.pi - 1e-3, np.pi - 1e-9, np.pi])
+def test_half_a_turn_between_neighbours_gives_a_finite_arm(name, angle):
+    q = Rotation.from_rotvec(np.outer(np.arange(1, 9) * angle, [1.0, 0.0, 0.0])).as_quat()
+    backbone = create_model(name, ARM, **options(name, ARM)).fit(q)
+    points = backbone.positions(S)
+    assert np.isfinite(points).all()
+    assert (
+        np.linalg.norm(np.diff(points, axis=0), axis=1) <= np.diff(S) * (1 + 1e-9)
+    ).all() or name == 'spline'
+
+
+@pytest.mark.parametrize(
+    ('make', 'message'),
+    [
+        (lambda: Arm(0.0, (0.1,)), 'length = 0.0'),
+        (lambda: Arm(0.5, ()), 'at least one'),
+        (lambda: Arm(0.5, (0.0, 0.1)), r'imu_positions\[0\] = 0.0 m is not after the base'),
+        (lambda: Arm(0.5, (0.2, 0.2)), r'imu_positions\[1\] = 0.2 m is not after 0.2 m'),
+        (lambda: Arm(0.5, (0.2, np.nan)), r'imu_positions\[1\]'),
+        (lambda: Arm(0.5, (0.2, 0.6)), 'beyond the tip'),
+        (lambda: create_model('pcx', ARM), 'one of .*pcc'),
+        (lambda: create_model('pcc', ARM, segments=[2] * 7), 'has 7 entries, expected 8'),
+        (lambda: create_model('pcc', ARM, segments=[2] * 7 + [0]), r'segments\[7\] = 0'),
+        (lambda: create_model('rigid', ARM, boundaries='middle'), "'middle', expected 'midpoint'"),
+        (lambda: create_model('rigid', ARM, boundaries=[0.1]), 'has 1 entries, expected 7'),
+        (lambda: create_model('rigid', ARM, boundaries=[0.1, 0.3, 0.2, 0.4, 0.5, 0.6, 0.65]), 'increasing'),
+        (lambda: create_model('rigid', ARM, base_link_length=0.3), 'increasing'),
+        (lambda: create_model('pcc_exact', ARM, links=0), 'links = 0'),
+        (lambda: create_model('pcc_exact', ARM).fit(np.zeros((7, 4))), r'expected \(..., 8, 4\)'),
+        (lambda: create_model('pcc_exact', ARM).fit(np.ones((8, 4)) / 2).positions([0.7]), '0.7 m is not on'),
+        (lambda: create_model('rigid', ARM).fit(np.ones((8, 4)) / 2).positions([-0.1]), '-0.1 m is not on'),
+    ],
+)
+def test_what_cannot_be_is_refused(make, message):
+    with pytest.raises(GeometryError, match=message):
+        make()

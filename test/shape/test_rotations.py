@@ -1,0 +1,75 @@
+"""Rotations against scipy, and near the places where formulas break."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation, Slerp
+
+from sesa2.shape import rotations
+
+ANGLES = [0.0, 1e-300, 1e-160, 1e-12, 1e-8, 9.9e-4, 1e-3, 1.01e-3, 0.1, 1.0, 3.0, np.pi - 1e-6, np.pi - 1e-12]
+
+
+@pytest.fixture
+def rng():
+    return np.random.default_rng(20)
+
+
+def random_quaternions(rng, *shape):
+    return rotations.normalize(rng.normal(size=(*shape, 4)))
+
+
+def same_rotation(p, q):
+    return np.minimum(np.abs(p - q).max(axis=-1), np.abs(p + q).max(axis=-1))
+
+
+def test_product_and_rotation_agree_with_scipy(rng):
+    p, q = random_quaternions(rng, 7, 5), random_quaternions(rng, 7, 5)
+    v = rng.normal(size=(7, 5, 3))
+    P, Q = Rotation.from_quat(p.reshape(-1, 4)), Rotation.from_quat(q.reshape(-1, 4))
+    assert same_rotation(rotations.multiply(p, q).reshape(-1, 4), (P * Q).as_quat()).max() < 1e-15
+    np.testing.assert_allclose(rotations.rotate(q, v).reshape(-1, 3), Q.apply(v.reshape(-1, 3)), atol=1e-14)
+    np.testing.assert_allclose(rotations.tangent(q).reshape(-1, 3), Q.as_matrix()[:, :, 2], atol=1e-15)
+    np.testing.assert_allclose(
+        rotations.multiply(q, rotations.conjugate(q)),
+        np.broadcast_to(rotations.IDENTITY, q.shape),
+        atol=1e-15,
+    )
+
+
+@pytest.mark.parametrize('angle', ANGLES)
+def test_exponential_and_logarithm_near_zero_and_pi(rng, angle):
+    axis = rng.normal(size=(50, 3))
+    axis /= np.linalg.norm(axis, axis=1)[:, None]
+    v = angle * axis
+    q = rotations.from_rotation_vector(v)
+    np.testing.assert_allclose(np.linalg.norm(q, axis=1), 1.0, atol=1e-15)
+    assert same_rotation(q, Rotation.from_rotvec(v).as_quat()).max() < 1e-15
+    signs = rng.choice([-1.0, 1.0], size=(50, 1))
+    back = rotations.to_rotation_vector(signs * q)
+    # Close to π the axis itself is only known to the quaternion's last digit, and its sign flips at π.
+    np.testing.assert_allclose(back, v, rtol=1e-12, atol=4e-15)
+
+
+@pytest.mark.parametrize('angle', ANGLES)
+def test_slerp_agrees_with_scipy_whatever_the_signs(rng, angle):
+    a = random_quaternions(rng, 40)
+    axis = rng.normal(size=(40, 3))
+    axis *= angle / np.linalg.norm(axis, axis=1)[:, None]
+    b = rotations.multiply(rotations.from_rotation_vector(axis), a)
+    t = rng.uniform(size=40)
+    got = rotations.slerp(a, rng.choice([-1.0, 1.0], size=(40, 1)) * b, t)
+    for i in range(40):
+        expected = Slerp([0.0, 1.0], Rotation.from_quat([a[i], b[i]]))(t[i]).as_quat()
+        assert same_rotation(got[i], expected) < 1e-11
+    np.testing.assert_allclose(np.linalg.norm(got, axis=1), 1.0, atol=1e-12)
+
+
+def test_swing_takes_a_onto_b_by_the_least_angle(rng):
+    a, b = rng.normal(size=(2, 200, 3))
+    a /= np.linalg.norm(a, axis=1)[:, None]
+    b /= np.linalg.norm(b, axis=1)[:, None]
+    b[0], b[1] = a[0], -a[1]
+    q = rotations.swing(a, b)
+    np.testing.assert_allclose(rotations.rotate(q, a), b, atol=1e-7)
+    angle = np.linalg.norm(rotations.to_rotation_vector(q), axis=1)
+    np.testing.assert_allclose(angle, np.arccos(np.clip(np.sum(a * b, axis=1), -1, 1)), atol=1e-7)
