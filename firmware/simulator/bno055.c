@@ -128,7 +128,7 @@ void bno055_write(bno055_t *chip, uint8_t byte, uint64_t now_us) {
       boot(chip, now_us);
   } else if (!config_only(reg) || !in_config(chip)) {
     chip->violations++;
-  } else {
+  } else if (reg < OFFSETS || !chip->refuses_offsets) {
     chip->registers[reg] = byte;
   }
 }

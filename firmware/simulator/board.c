@@ -3,16 +3,25 @@
 #include <sim_elf.h>
 #include <sim_io.h>
 #include <sim_regbit.h>
+#include <stdarg.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
 enum { SLICE_US = 1000 };
 
+/* simavr writes to stdout what it loads; only its errors matter here. */
+static void log_error(avr_t *avr, const int level, const char *format, va_list arguments) {
+  (void)avr;
+  if (level <= LOG_ERROR)
+    vfprintf(stderr, format, arguments);
+}
+
 static void send_to_pty(void *param, uint8_t byte) { pty_send(param, byte); }
 
 void board_init(board_t *board, const char *elf, const char *port_link) {
   static elf_firmware_t firmware;
+  avr_global_logger_set(log_error);
   if (elf_read_firmware(elf, &firmware) < 0) {
     fprintf(stderr, "%s: not an AVR firmware\n", elf);
     exit(1);

@@ -10,6 +10,7 @@
      calibration K SCORES       register 0x35
      pattern K 0|1              a rotation that goes on with each 10 ms (bno055_pattern)
      stretch K US               clock stretching before each read
+     refuse K 0|1               offsets that are written do not stick
      unplug K|multiplexer, plug K|multiplexer
      blip K                     the chip's power goes for a moment
      hold K|trunk sda|scl [N]   a line is held low; N: until the clock has been pulsed N times
