@@ -61,6 +61,7 @@ void reset_multiplexer() {
   let_go(config::MULTIPLEXER_RESET_PIN);
 }
 
+/* Whether clock pulses were enough. If not, the transfer at hand is to be given up: no channel is selected any more. */
 bool recover() {
   saturating_increment(statistics.bus_recoveries);
   Wire.end();
@@ -69,27 +70,25 @@ bool recover() {
   let_go(SDA);
   let_go(SCL);
   pulse_clock();
-  if (!lines_free())
+  const bool freed = lines_free();
+  if (!freed)
     reset_multiplexer();
-  const bool free = lines_free();
   start_hardware();
-  return free;
+  return freed;
 }
 
 /* Asked before each transfer: it costs a microsecond, and a stuck bus would cost the whole timeout. */
 bool ready() { return lines_free() || recover(); }
 
 Result end_transmission(bool stop) {
-  switch (Wire.endTransmission(stop)) {
-    case 0:
-      return OK;
-    case 2:
-    case 3:
-      return NACK;
-    default:
-      recover();
-      return STUCK;
-  }
+  Wire.clearWireTimeoutFlag();
+  const uint8_t error = Wire.endTransmission(stop);
+  if (error == 2 || error == 3)
+    return NACK;
+  if (error == 0 && !Wire.getWireTimeoutFlag()) /* Wire reports a STOP that hung by its flag alone */
+    return OK;
+  recover();
+  return STUCK;
 }
 
 }  // namespace

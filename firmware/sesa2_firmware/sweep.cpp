@@ -13,13 +13,15 @@ namespace {
 constexpr uint32_t LATE_US = 1000;
 constexpr int32_t STEP_US = 1500; /* what one step of an IMU may take at 400 kHz, with some to spare */
 
+constexpr uint8_t KEPT_FOR_REPLIES = 64; /* on a line too slow for the stream the board can still be told to stop it */
+
 uint32_t period_us, next_us;
 uint8_t stream;
 sweep_t current;
 
 void send(const uint8_t *body, uint8_t length) {
   uint8_t frame[FRAMING_MAX_FRAME];
-  if (!uart::send(frame, framing_encode(body, length, frame)))
+  if (!uart::send(frame, framing_encode(body, length, frame), KEPT_FOR_REPLIES))
     saturating_increment(statistics.tx_dropped);
 }
 

@@ -54,9 +54,9 @@ void begin() {
   UCSR0B = _BV(RXEN0) | _BV(TXEN0) | _BV(RXCIE0);
 }
 
-bool send(const uint8_t *bytes, uint8_t count) {
+bool send(const uint8_t *bytes, uint8_t count, uint8_t keep_free) {
   const uint8_t room = uint8_t(tx_tail - tx_head - 1);
-  if (count > room)
+  if (uint16_t(count) + keep_free > room)
     return false;
   uint8_t head = tx_head;
   while (count--)

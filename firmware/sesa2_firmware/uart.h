@@ -11,8 +11,8 @@ namespace uart {
 
 void begin();
 
-/* Queues all the bytes or none. */
-bool send(const uint8_t *bytes, uint8_t count);
+/* Queues all the bytes, or none if fewer than `keep_free` bytes of the buffer were left. */
+bool send(const uint8_t *bytes, uint8_t count, uint8_t keep_free = 0);
 
 /* The next received byte, or -1. */
 int16_t receive();

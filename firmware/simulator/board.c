@@ -81,6 +81,6 @@ void board_power_cycle(board_t *board) {
     bno055_power(&board->bus.chips[k], false, board_now_us(board));
     bno055_power(&board->bus.chips[k], plugged, board_now_us(board));
   }
-  board->bus.selected = 0;
+  bus_power_multiplexer(&board->bus, board->bus.multiplexer_powered);
   restart(board, board->avr->reset_flags.porf);
 }

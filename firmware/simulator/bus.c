@@ -15,7 +15,7 @@ void bus_init(bus_t *bus) {
 
 void bus_power_multiplexer(bus_t *bus, bool on) {
   bus->multiplexer_powered = on;
-  bus->selected = 0; /* its power-on state */
+  bus->selected = bus->selection = 0; /* its power-on state */
 }
 
 void bus_hold(bus_t *bus, unsigned where, bool sda, bool scl, unsigned clocks) {
@@ -59,7 +59,7 @@ bool bus_address(bus_t *bus, uint8_t address_and_read, uint64_t now_us) {
 bool bus_write(bus_t *bus, uint8_t byte, uint64_t now_us) {
   bus->bytes++;
   if (bus->multiplexer_addressed && bus->multiplexer_powered) {
-    bus->selected = byte;
+    bus->selection = byte;
     return true;
   }
   bool acknowledged = false;
@@ -94,6 +94,7 @@ uint32_t bus_stretch_us(const bus_t *bus, uint8_t address_and_read) {
 }
 
 void bus_stop(bus_t *bus) {
+  bus->selected = bus->selection;
   bus->multiplexer_addressed = false;
   bus->chips_addressed = 0;
 }
@@ -107,5 +108,5 @@ void bus_clock_pulse(bus_t *bus) {
 
 void bus_reset_multiplexer(bus_t *bus) {
   bus->multiplexer_resets++;
-  bus->selected = 0;
+  bus->selected = bus->selection = 0;
 }

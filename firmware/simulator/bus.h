@@ -14,7 +14,8 @@ typedef struct {
 
 typedef struct {
   bool multiplexer_powered;
-  uint8_t selected;                     /* the multiplexer's control register */
+  uint8_t selected;                     /* the channels that the multiplexer connects */
+  uint8_t selection;                    /* what it was told to connect at the next STOP */
   bno055_t chips[BUS_CHANNELS];
   bus_hold_t holds[BUS_CHANNELS + 1];   /* by channel, and on the trunk */
 

@@ -104,7 +104,6 @@ static void begin_byte(twi_t *twi) {
 
 static void switch_off(twi_t *twi) {
   avr_cycle_timer_cancel(twi->avr, finish, twi);
-  bus_stop(twi->bus);
   twi->phase = TWI_IDLE;
   twi->action = TWI_NOTHING;
 }
