@@ -159,16 +159,16 @@ i2c::Result Imu::verify_offsets() {
   return i2c::OK;
 }
 
-void Imu::sample(imu_sample_t &sample, bool with_acceleration) {
+void Imu::sample(imu_sample_t &sample, Turn turn) {
   memset(sample.quaternion, 0, sizeof sample.quaternion);
   for (int16_t &component : sample.acceleration)
     component = NO_ACCELERATION;
 
   if (stage_ == RUNNING) {
-    i2c::Result result = read_chip(sample, with_acceleration);
+    i2c::Result result = read_chip(sample, turn);
     if (result == i2c::NACK) { /* a glitch on the line costs no sample */
       count_error();
-      result = read_chip(sample, with_acceleration);
+      result = read_chip(sample, turn);
     }
     if (result == i2c::OK)
       failures_ = 0;
@@ -179,7 +179,7 @@ void Imu::sample(imu_sample_t &sample, bool with_acceleration) {
   sample.calibration = calibration_;
 }
 
-i2c::Result Imu::read_chip(imu_sample_t &sample, bool with_acceleration) {
+i2c::Result Imu::read_chip(imu_sample_t &sample, Turn turn) {
   i2c::Result result = multiplexer::select(channel_);
   if (result != i2c::OK)
     return result;
@@ -196,23 +196,14 @@ i2c::Result Imu::read_chip(imu_sample_t &sample, bool with_acceleration) {
     return result;
   }
   memcpy(sample.quaternion, quaternion, sizeof quaternion);
-  if (!with_acceleration)
-    return i2c::OK;
-  int16_t acceleration[3];
-  result = bno055::read_acceleration(acceleration);
-  if (result == i2c::OK)
+  if (turn.acceleration) {
+    int16_t acceleration[3];
+    result = bno055::read_acceleration(acceleration);
+    if (result != i2c::OK)
+      return result;
     memcpy(sample.acceleration, acceleration, sizeof acceleration);
-  return result;
-}
-
-void Imu::refresh_calibration() {
-  if (stage_ != RUNNING || failures_)
-    return;
-  uint8_t scores;
-  if (multiplexer::select(channel_) == i2c::OK && bno055::read_calibration(scores) == i2c::OK)
-    calibration_ = scores;
-  else
-    count_error();
+  }
+  return turn.calibration ? bno055::read_calibration(calibration_) : i2c::OK;
 }
 
 void Imu::count_error() {

@@ -17,8 +17,10 @@ class Imu {
   bool step();
 
   /* One turn of a sweep. Leaves "not measured" in the sample unless the chip runs and answers. */
-  void sample(imu_sample_t &sample, bool with_acceleration);
-  void refresh_calibration();
+  struct Turn {
+    bool acceleration, calibration; /* to be read beside the quaternion */
+  };
+  void sample(imu_sample_t &sample, Turn turn);
 
   /* Commands. Each returns RESULT_BUSY, RESULT_ABSENT and so on at once, or RESULT_OK; the two about offsets have
      then only begun, and job_done() tells when they have ended, and how. */
@@ -54,7 +56,7 @@ class Imu {
 
   i2c::Result advance();
   i2c::Result verify_offsets();
-  i2c::Result read_chip(imu_sample_t &sample, bool with_acceleration);
+  i2c::Result read_chip(imu_sample_t &sample, Turn turn);
   void go(Stage stage, uint8_t wait_ms = 0);
   void search_again(i2c::Result why);
   void count_error();

@@ -5,7 +5,7 @@ namespace {
 
 Imu imus[CHANNELS];
 uint8_t in_use;
-uint8_t step_turn, calibration_turn;
+uint8_t step_turn, running_turn;
 
 uint8_t next(uint8_t channel) { return (channel + 1) % CHANNELS; }
 
@@ -40,15 +40,14 @@ void step_one() {
   }
 }
 
-void refresh_one_calibration() {
+uint8_t next_running() {
   const uint8_t channels = running();
   for (uint8_t tried = 0; tried < CHANNELS; tried++) {
-    calibration_turn = next(calibration_turn);
-    if (channels >> calibration_turn & 1) {
-      imus[calibration_turn].refresh_calibration();
-      return;
-    }
+    running_turn = next(running_turn);
+    if (channels >> running_turn & 1)
+      return running_turn;
   }
+  return CHANNELS;
 }
 
 }  // namespace imu_set

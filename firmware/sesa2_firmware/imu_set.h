@@ -16,8 +16,8 @@ uint8_t running();
 /* Gives one IMU that does not run its next step, in turn. */
 void step_one();
 
-/* Reads the calibration scores of one IMU that runs, in turn: of all in each sweep would cost a fifth of it. */
-void refresh_one_calibration();
+/* The channel of the next IMU that runs, in turn; CHANNELS if none does. */
+uint8_t next_running();
 
 }  // namespace imu_set
 
