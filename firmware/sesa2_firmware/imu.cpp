@@ -47,6 +47,8 @@ void Imu::configure(uint8_t channel, uint8_t mode) {
   mode_ = mode;
   if (stage_ == SEARCHING)
     go(SEARCHING);
+  else if (stage_ != RUNNING)
+    go(LEAVE_FUSION, bno055::TO_CONFIG_MS); /* not before the change of mode that is going on has ended */
   else if (changed)
     go(LEAVE_FUSION);
 }

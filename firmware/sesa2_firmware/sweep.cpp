@@ -60,8 +60,10 @@ void set_rate(uint8_t rate_hz) {
 void set_stream(uint8_t flags) { stream = flags; }
 
 void poll() {
-  if (!imu_set::mask())
+  if (!imu_set::mask()) {
+    next_us = micros(); /* left alone for half of micros()'s range it would lie in the future */
     return;
+  }
   const int32_t left_us = int32_t(next_us - micros());
   if (left_us > 0) {
     if (left_us > STEP_US)

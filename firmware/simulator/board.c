@@ -39,6 +39,7 @@ void board_init(board_t *board, const char *elf, const char *port_link) {
   pty_init(&board->pty, port_link);
   uart_install(&board->uart, board->avr, send_to_pty, &board->pty);
   pins_install(&board->pins, board->avr, &board->bus);
+  panel_install(&board->panel, board->avr);
   pty_plug(&board->pty);
 }
 
@@ -69,6 +70,8 @@ bool board_run_until(board_t *board, uint64_t time_us) {
 }
 
 static void restart(board_t *board, avr_regbit_t cause) {
+  board->panel.second_nibble = false; /* the initialisation sets its width anew */
+  board->panel.four_bits = false;
   avr_reset(board->avr);
   avr_regbit_set(board->avr, cause);
 }

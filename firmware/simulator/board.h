@@ -5,6 +5,7 @@
 #include <sim_avr.h>
 
 #include "bus.h"
+#include "panel.h"
 #include "pins.h"
 #include "pty.h"
 #include "twi.h"
@@ -16,6 +17,7 @@ typedef struct {
   twi_t twi;
   uart_t uart;
   pins_t pins;
+  panel_t panel;
   pty_t pty;
 } board_t;
 

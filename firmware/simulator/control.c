@@ -79,7 +79,7 @@ static void answer_registers(control_t *control, const bno055_t *chip, unsigned 
 
 static void answer_stats(control_t *control) {
   const board_t *board = control->board;
-  unsigned violations = 0, boots = 0;
+  unsigned violations = board->panel.violations, boots = 0;
   for (unsigned k = 0; k < BUS_CHANNELS; k++) {
     violations += board->bus.chips[k].violations;
     boots += board->bus.chips[k].boots;
@@ -89,6 +89,13 @@ static void answer_stats(control_t *control) {
          " overruns=%u dropped=%" PRIu64,
          board->bus.transfers, board->bus.bytes, board->bus.clock_pulses, board->bus.multiplexer_resets, violations,
          boots, board->uart.received, board->uart.overruns, board->pty.dropped);
+}
+
+static void answer_display(control_t *control) {
+  char rows[PANEL_ROWS][PANEL_COLUMNS + 1];
+  for (unsigned row = 0; row < PANEL_ROWS; row++)
+    panel_read(&control->board->panel, row, rows[row]);
+  answer(control, "ok %s|%s", rows[0], rows[1]);
 }
 
 /* ---- the commands ---- */
@@ -102,6 +109,7 @@ static const form_t FORMS[] = {
     {"pattern", 2, 2}, {"stretch", 2, 2}, {"refuse", 2, 2},     {"unplug", 1, 1},     {"plug", 1, 1},         {"blip", 1, 1},
     {"hold", 2, 3},    {"release", 1, 1}, {"cable", 1, 1},      {"reset", 0, 0},        {"power", 0, 0},
     {"register", 2, 3}, {"mode", 1, 1},   {"stats", 0, 0},
+    {"display", 0, 0},  {"button", 1, 1},
 };
 
 static long number(const char *word) { return strtol(word, NULL, 0); }
@@ -189,7 +197,11 @@ static void execute_on_board(control_t *control, const char *name, char **words,
     return answer_time(control);
   if (!strcmp(name, "stats"))
     return answer_stats(control);
-  if (!strcmp(name, "reset"))
+  if (!strcmp(name, "display"))
+    return answer_display(control);
+  if (!strcmp(name, "button"))
+    panel_press(&board->panel, number(words[0]));
+  else if (!strcmp(name, "reset"))
     board_reset(board);
   else if (!strcmp(name, "power"))
     board_power_cycle(board);

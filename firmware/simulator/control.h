@@ -20,6 +20,8 @@
      power                      off and on for everything
      register K ADDRESS [N]     N registers, in hexadecimal, as they stand in the chip
      mode K                     the mode that the chip is in
+     display                    -> ok ROW0|ROW1, of the panel
+     button 0|1                 of the panel; 1 is pressed
      stats                      -> ok key=value... */
 #ifndef SIMULATOR_CONTROL_H
 #define SIMULATOR_CONTROL_H

@@ -128,7 +128,9 @@ class SimulatedBoard:
 
     def stats(self) -> dict[str, int]:
         """What the simulator has counted."""
-        return {name: int(value) for name, value in (word.split('=') for word in self.command('stats').split())}
+        return {
+            name: int(value) for name, value in (word.split('=') for word in self.command('stats').split())
+        }
 
     def _connect(self, path: str) -> socket.socket:
         deadline = time.monotonic() + _WALL_PATIENCE_S
@@ -140,7 +142,9 @@ class SimulatedBoard:
             except OSError:
                 control.close()
                 if self._process.poll() is not None or time.monotonic() > deadline:
-                    raise SimulatorError(f'the simulator did not start: exit status {self._process.poll()}') from None
+                    raise SimulatorError(
+                        f'the simulator did not start: exit status {self._process.poll()}'
+                    ) from None
                 time.sleep(0.01)
             else:
                 return control

@@ -52,9 +52,20 @@ def reply_body(packet: SectionProxy) -> bytes:
     if 'offsets' in packet:
         body += bytes.fromhex(packet['offsets'])
     if 'sweeps' in packet:
-        keys = ('sweeps', 'late', 'max_scan_us', 'bus_recoveries', 'rx_bad', 'rx_overflow', 'tx_dropped', 'reset_cause')
+        keys = (
+            'sweeps',
+            'late',
+            'max_scan_us',
+            'bus_recoveries',
+            'rx_bad',
+            'rx_overflow',
+            'tx_dropped',
+            'reset_cause',
+        )
         counters = (number(packet, key) for key in keys)
-        body += struct.pack('<2I5HB8B8H', *counters, *numbers(packet, 'comebacks'), *numbers(packet, 'errors'))
+        body += struct.pack(
+            '<2I5HB8B8H', *counters, *numbers(packet, 'comebacks'), *numbers(packet, 'errors')
+        )
     return body
 
 

@@ -1,28 +1,12 @@
 """What streams: every quaternion right, at every rate, on every subset, in every mode."""
 
+from itertools import pairwise
+
 import pytest
-from simulated_board import Reading, pattern, tick_at
+from bench import assert_no_gap, assert_quaternions_right
 
-from sesa2.link.commands import FusionMode, Stream
+from sesa2.link.commands import Configuration, FusionMode, Stream
 from sesa2.link.packets import State
-
-CLOCK_SLACK_US = 1500  # the board's clock starts a little after power-on; a chip is read within its slot of a sweep
-
-
-def assert_quaternions_right(data, channels=range(8)):
-    """Each is what its chip showed when it was read."""
-    for packet in data:
-        for channel in channels:
-            read_us = packet.read_us(channel)
-            ticks = {tick_at(channel, read_us + slack) for slack in (-CLOCK_SLACK_US, 0, CLOCK_SLACK_US)}
-            assert packet.quaternion_of(channel) in {pattern(Reading(channel, tick)) for tick in ticks}, (
-                f'IMU {channel + 1}, sweep {packet.sweep.seq}'
-            )
-
-
-def assert_no_gap(data):
-    first = data[0].sweep.seq
-    assert [packet.sweep.seq for packet in data] == [(first + i) % 65536 for i in range(len(data))]
 
 
 def test_ten_seconds_of_eight_imus_at_100_hz(streaming):
@@ -30,7 +14,7 @@ def test_ten_seconds_of_eight_imus_at_100_hz(streaming):
     assert len(data) in (1000, 1001)
     assert_no_gap(data)
     assert_quaternions_right(data)
-    periods = [after.sweep.t_us - before.sweep.t_us for before, after in zip(data, data[1:], strict=False)]
+    periods = [after.sweep.t_us - before.sweep.t_us for before, after in pairwise(data)]
     assert max(abs(period - 10000) for period in periods) < 1000
     stats = streaming.client.stats()
     assert (stats.late, stats.tx_dropped, stats.bus_recoveries) == (0, 0, 0)
@@ -105,6 +89,23 @@ def test_a_change_of_mode_goes_through_config_and_loses_no_chip(streaming):
     assert streaming.client.stats().comebacks == (0,) * 8
 
 
+def test_a_configuration_amid_a_change_of_mode_waits_for_its_end(streaming):
+    for pause_s in (0.0, 0.01, 0.02, 0.03):
+        for mode in (FusionMode.IMU, FusionMode.NDOF_FMC_OFF):
+            streaming.client.configure(Configuration(0xFF, 100, mode, 0))
+            streaming.wait(pause_s)
+    streaming.until(lambda data: all(data.state_of(channel) is State.RUN for channel in range(8)))
+    assert [streaming.simulated.mode(channel) for channel in range(8)] == [FusionMode.NDOF_FMC_OFF] * 8
+
+
+def test_a_configuration_without_imus_pauses_the_board(streaming):
+    streaming.client.configure(Configuration(0, 100, FusionMode.NDOF, 0))
+    assert streaming.watch(0.5) == []
+    streaming.simulated.command('unplug', 0)
+    streaming.client.configure(Configuration(0x81, 100, FusionMode.NDOF, 0))
+    streaming.until(lambda data: data.state_of(0) is State.ABSENT and data.state_of(7) is State.RUN)
+
+
 def test_configuring_the_same_again_disturbs_nothing(streaming):
     streaming.packets.clear()
     streaming.start()
@@ -134,7 +135,7 @@ def test_scores_come_from_one_imu_per_sweep_in_turn(streaming):
     assert [last.calibration_of(channel) for channel in range(8)] == [0xC0 | channel for channel in range(8)]
     changes = [
         sum(before.calibration_of(k) != after.calibration_of(k) for k in range(8))
-        for before, after in zip(streaming.data(), streaming.data()[1:], strict=False)
+        for before, after in pairwise(streaming.data())
     ]
     assert max(changes) == 1
 
@@ -158,7 +159,9 @@ def test_acceleration_beside_the_quaternions(bench):
     accelerations = [packet for packet in bench.accelerations() if packet.sweep.seq >= data[0].sweep.seq]
     assert_no_gap(data)
     assert_quaternions_right(data, [0, 1, 2, 3, 4, 5, 7])
-    assert [packet.sweep for packet in accelerations] == [packet.sweep for packet in data][: len(accelerations)]
+    assert [packet.sweep for packet in accelerations] == [packet.sweep for packet in data][
+        : len(accelerations)
+    ]
     assert len(accelerations) == pytest.approx(100, abs=1)
     for packet in accelerations:
         for channel, measured in enumerate(packet.accelerations):
@@ -194,15 +197,3 @@ def test_115200_baud_carries_the_stream(new_bench, build_variant):
     bench.client.stream(Stream.QUATERNIONS | Stream.ACCELERATION)
     bench.wait(1.0)
     assert bench.client.stats().tx_dropped > 0  # 158 bytes a sweep are more than that line carries
-
-
-def test_the_panel_does_not_disturb_the_stream(new_bench, build_variant):
-    bench = new_bench(elf=build_variant('lcd', 'LCD=1').elf)
-    bench.boot()
-    bench.simulated.set_pattern()
-    bench.start()
-    data = bench.watch(2.0)
-    assert len(data) == pytest.approx(200, abs=1)
-    assert_no_gap(data)
-    assert_quaternions_right(data)
-    assert bench.client.stats().late == 0

@@ -1,8 +1,8 @@
 """Everything that a bench does to a bus: plugs pulled, power lost, lines held low, a cable out."""
 
 import pytest
-from simulated_board import pattern
-from test_stream import assert_no_gap, assert_quaternions_right
+from bench import assert_no_gap, assert_quaternions_right
+from simulated_board import Reading, pattern
 
 from sesa2.imu.offsets import Offsets
 from sesa2.link.commands import FusionMode
@@ -78,7 +78,9 @@ def test_unplugging_and_replugging_the_multiplexer(calibrated):
     assert_no_gap(calibrated.watch(0.5))
     calibrated.simulated.command('plug', 'multiplexer')
     # The chips kept their power: they need not boot.
-    assert calibrated.until(lambda data: all(data.state_of(channel) is State.RUN for channel in range(8))) < 0.15
+    assert (
+        calibrated.until(lambda data: all(data.state_of(channel) is State.RUN for channel in range(8))) < 0.15
+    )
     assert_quaternions_right(calibrated.watch(0.5))
     for channel in range(8):
         assert_brought_back(calibrated, channel)
@@ -138,7 +140,9 @@ def test_a_bus_that_stays_stuck_stops_nothing_but_the_measurements(calibrated, l
     assert calibrated.client.stats().bus_recoveries > 0
 
     calibrated.simulated.command('release', 'trunk')
-    assert calibrated.until(lambda data: all(data.state_of(channel) is State.RUN for channel in range(8))) < 0.5
+    assert (
+        calibrated.until(lambda data: all(data.state_of(channel) is State.RUN for channel in range(8))) < 0.5
+    )
     assert_quaternions_right(calibrated.watch(0.5))
     for channel in range(8):
         assert_brought_back(calibrated, channel)
@@ -220,5 +224,5 @@ def test_all_chips_pulled_and_put_back_one_after_another(calibrated):
 
 def test_the_pattern_of_the_simulated_chips_is_one_that_shows_a_mix_up():
     """Else the tests above would prove nothing: eight chips at one moment, and one chip at two, never look alike."""
-    shown = [pattern((channel, tick)) for channel in range(8) for tick in range(500)]
+    shown = [pattern(Reading(channel, tick)) for channel in range(8) for tick in range(500)]
     assert len(set(shown)) == len(shown)
