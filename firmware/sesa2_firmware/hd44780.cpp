@@ -49,7 +49,7 @@ void begin() {
   }
   write_nibble(0x2);
   delay(1);
-  constexpr uint8_t commands[] = {0x28 /* 4 bits, 2 rows */, 0x0C /* on, no cursor */, 0x06 /* to the right */, 0x01 /* clear */};
+  constexpr uint8_t commands[] = {0x28, 0x0C, 0x06, 0x01}; /* 4 bits, 2 rows; on; to the right; clear */
   for (const uint8_t command : commands) {
     write(command, false);
     delay(2);

@@ -53,7 +53,8 @@ uint8_t packets_reply(uint8_t *body, uint8_t code, uint8_t token, result_t resul
   return 4;
 }
 
-uint8_t packets_hello_reply(uint8_t *body, uint8_t token, uint8_t major, uint8_t minor, uint8_t channels, uint32_t uptime_ms) {
+uint8_t packets_hello_reply(uint8_t *body, uint8_t token, uint8_t major, uint8_t minor, uint8_t channels,
+                            uint32_t uptime_ms) {
   uint8_t *at = body + packets_reply(body, COMMAND_HELLO, token, RESULT_OK);
   *at++ = major;
   *at++ = minor;

@@ -74,7 +74,8 @@ typedef struct {
 uint8_t packets_data(uint8_t *body, const sweep_t *sweep);
 uint8_t packets_acceleration(uint8_t *body, const sweep_t *sweep);
 uint8_t packets_reply(uint8_t *body, uint8_t code, uint8_t token, result_t result);
-uint8_t packets_hello_reply(uint8_t *body, uint8_t token, uint8_t major, uint8_t minor, uint8_t channels, uint32_t uptime_ms);
+uint8_t packets_hello_reply(uint8_t *body, uint8_t token, uint8_t major, uint8_t minor, uint8_t channels,
+                            uint32_t uptime_ms);
 uint8_t packets_offsets_reply(uint8_t *body, uint8_t token, const uint8_t offsets[OFFSETS_SIZE]);
 uint8_t packets_statistics_reply(uint8_t *body, uint8_t token, const statistics_t *statistics);
 

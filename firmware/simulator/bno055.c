@@ -86,6 +86,10 @@ static void latch_output(bno055_t *chip, uint64_t now_us) {
 bool bno055_address(bno055_t *chip, bool read, uint64_t now_us) {
   if (!chip->powered || now_us < chip->booted_us)
     return false;
+  if (chip->glitches) {
+    chip->glitches--;
+    return false;
+  }
   settle_mode(chip, now_us);
   if (read)
     latch_output(chip, now_us);

@@ -15,6 +15,7 @@ typedef struct {
   uint8_t calibration;
   bool pattern;              /* quaternions follow bno055_pattern() instead */
   uint32_t stretch_us;       /* clock stretching before each read */
+  unsigned glitches;         /* so many of the next addressings go unacknowledged */
   bool refuses_offsets;      /* what is written there does not stick */
 
   /* its state */

@@ -105,11 +105,11 @@ typedef struct {
 } form_t;
 
 static const form_t FORMS[] = {
-    {"run", 1, 2},     {"time", 0, 0},   {"quaternion", 5, 5}, {"acceleration", 4, 4}, {"calibration", 2, 2},
-    {"pattern", 2, 2}, {"stretch", 2, 2}, {"refuse", 2, 2},     {"unplug", 1, 1},     {"plug", 1, 1},         {"blip", 1, 1},
-    {"hold", 2, 3},    {"release", 1, 1}, {"cable", 1, 1},      {"reset", 0, 0},        {"power", 0, 0},
-    {"register", 2, 3}, {"mode", 1, 1},   {"stats", 0, 0},
-    {"display", 0, 0},  {"button", 1, 1},
+    {"run", 1, 2},     {"time", 0, 0},    {"quaternion", 5, 5}, {"acceleration", 4, 4}, {"calibration", 2, 2},
+    {"pattern", 2, 2}, {"stretch", 2, 2}, {"glitch", 2, 2},     {"refuse", 2, 2},       {"unplug", 1, 1},
+    {"plug", 1, 1},    {"blip", 1, 1},    {"hold", 2, 3},       {"release", 1, 1},      {"cable", 1, 1},
+    {"reset", 0, 0},   {"power", 0, 0},   {"register", 2, 3},   {"mode", 1, 1},         {"display", 0, 0},
+    {"button", 1, 1},  {"stats", 0, 0},   {"poke", 3, 3},
 };
 
 static long number(const char *word) { return strtol(word, NULL, 0); }
@@ -136,8 +136,12 @@ static bool execute_on_chip(control_t *control, bno055_t *chip, const char *name
     chip->pattern = number(words[1]);
   } else if (!strcmp(name, "stretch")) {
     chip->stretch_us = (uint32_t)number(words[1]);
+  } else if (!strcmp(name, "glitch")) {
+    chip->glitches = number(words[1]);
   } else if (!strcmp(name, "refuse")) {
     chip->refuses_offsets = number(words[1]);
+  } else if (!strcmp(name, "poke")) {
+    chip->registers[number(words[1]) % BNO055_REGISTERS] = (uint8_t)number(words[2]);
   } else if (!strcmp(name, "blip")) {
     bno055_power(chip, false, now_us);
     bno055_power(chip, true, now_us);

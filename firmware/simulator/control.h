@@ -10,6 +10,7 @@
      calibration K SCORES       register 0x35
      pattern K 0|1              a rotation that goes on with each 10 ms (bno055_pattern)
      stretch K US               clock stretching before each read
+     glitch K N                 so many of its next addressings go unacknowledged
      refuse K 0|1               offsets that are written do not stick
      unplug K|multiplexer, plug K|multiplexer
      blip K                     the chip's power goes for a moment
@@ -19,6 +20,7 @@
      reset                      the board
      power                      off and on for everything
      register K ADDRESS [N]     N registers, in hexadecimal, as they stand in the chip
+     poke K ADDRESS VALUE       a register, whatever the chip's mode
      mode K                     the mode that the chip is in
      display                    -> ok ROW0|ROW1, of the panel
      button 0|1                 of the panel; 1 is pressed

@@ -10,7 +10,11 @@ def panel(new_bench, build_variant):
 
 
 def display(bench):
-    return bench.simulated.command('display').split('|')
+    """Both rows, once all characters of a change are written."""
+    shown = None
+    while shown != (shown := bench.simulated.command('display')):
+        bench.wait(0.02)
+    return shown.split('|')
 
 
 def press(bench):
@@ -45,8 +49,8 @@ def test_the_button_switches_to_the_scores_and_back(panel):
     panel.start()
     press(panel)
     shown = set()
-    for _ in range(12):
-        panel.wait(0.5)
+    for _ in range(9):
+        panel.wait(0.6)
         shown.add(tuple(display(panel)))
     assert shown == {
         ('IMU     12345678', 'system  012-0123'),
