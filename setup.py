@@ -27,6 +27,7 @@ setup(
     ],
     extras_require={
         'ros': ROS,
+        'report': ['matplotlib>=3.8'],
         'test': ['pytest>=8', 'hypothesis>=6.100', 'scipy>=1.11'],
         'lint': ['ruff>=0.8', 'mypy>=1.13', 'import-linter>=2.1', 'types-PyYAML', 'types-pyserial'],
     },

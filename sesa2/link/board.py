@@ -12,6 +12,7 @@ from sesa2.link.commands import (
     Request,
     Result,
     Stats,
+    Stream,
     decode_reply,
     is_reply,
 )
@@ -74,12 +75,14 @@ class Board:
         self._received += len(portion)
         for body in self.decoder.feed(portion):
             try:
-                if is_reply(body):
-                    self._replies.append(decode_reply(body))
-                else:
-                    self._on_packet(decode_stream(body), arrival_ns)
+                packet = decode_reply(body) if is_reply(body) else decode_stream(body)
             except PacketError:
                 self.malformed += 1
+                continue
+            if isinstance(packet, Reply):
+                self._replies.append(packet)
+            else:
+                self._on_packet(packet, arrival_ns)
         return bool(portion)
 
     def hello(self, patience_s: float = HELLO_PATIENCE_S) -> Hello:
@@ -107,6 +110,10 @@ class Board:
     def stream(self, flags: int) -> None:
         """Start (`Stream.QUATERNIONS`, `Stream.ACCELERATION` or both) or stop (0) the stream."""
         self._command(Command.STREAM, bytes((flags,)))
+
+    def hush(self) -> None:
+        """Stop the stream without waiting for the reply: the last that is said before the port is closed."""
+        self.port.write(b'\x00' + encode_frame(Request(Command.STREAM, 0, bytes((Stream.STOP,))).encode()))
 
     def write_offsets(self, imu_id: int, offsets: Offsets) -> bool:
         """Give a chip its offsets, and the board the same to keep; False if the chip is absent now."""

@@ -39,6 +39,7 @@ class SerialPort:
         self._fd = self._serial.fileno()
         self._poll = select.poll()
         self._poll.register(self._fd, select.POLLIN)
+        self._cancelled = False
 
     def read(self, timeout_s: float) -> bytes:
         """What has arrived, waiting up to a time for the first byte; empty if none came.
@@ -46,8 +47,10 @@ class SerialPort:
         Raises
         ------
         LinkError
-            If the port was unplugged or closed.
+            If the port was unplugged or closed, or reading was cancelled.
         """
+        if self._cancelled:
+            raise LinkError(f'serial port {self.path}: reading was cancelled')
         if not self._poll.poll(max(0.0, timeout_s) * 1000):
             return b''
         try:
@@ -72,6 +75,10 @@ class SerialPort:
             self._serial.write(frame)
         except OSError as error:
             raise self._lost(error) from None
+
+    def cancel(self) -> None:
+        """From any thread: make the next `read` raise a LinkError, so that whoever waits for the board gives up."""
+        self._cancelled = True
 
     def close(self) -> None:
         """Give the port free."""

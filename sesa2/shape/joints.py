@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sesa2.shape.model import with_base
-from sesa2.shape.rotations import FloatArray, conjugate, multiply
+from sesa2.shape.rotations import FloatArray, multiply
 
 # The joints are singular at |z| = 90°; beyond this the user is warned.
 WARN_ANGLE = np.deg2rad(80.0)
@@ -44,15 +44,19 @@ def joint_angles(link_orientations: FloatArray, base: FloatArray) -> JointAngles
     -------
     The angles.
     """
-    chain = with_base(link_orientations, base)
-    relative = multiply(conjugate(chain[..., :-1, :]), link_orientations)
-    x, y, z, w = relative[..., 0], relative[..., 1], relative[..., 2], relative[..., 3]
+    # Components first: numpy is several times faster on the contiguous numbers of many links than on four of each.
+    chain = np.ascontiguousarray(np.moveaxis(with_base(link_orientations, base), -1, 0))
+    (bx, by, bz, bw), (ax, ay, az, aw) = chain[..., :-1], chain[..., 1:]
+    x = bw * ax - bx * aw - by * az + bz * ay
+    y = bw * ay + bx * az - by * aw - bz * ax
+    z = bw * az - bx * ay + by * ax - bz * aw
+    w = bw * aw + bx * ax + by * ay + bz * az
     xx, yy, zz = x * x, y * y, z * z
     r01 = 2.0 * (x * y - w * z)
     r00, r02 = 1.0 - 2.0 * (yy + zz), 2.0 * (x * z + w * y)
     r11, r21 = 1.0 - 2.0 * (xx + zz), 2.0 * (y * z + w * x)
+    cosine = np.sqrt(r00 * r00 + r02 * r02)
     angles = np.empty((*x.shape, 3))
-    cosine = np.hypot(r00, r02)
     angles[..., 0] = np.arctan2(r21, r11)
     angles[..., 1] = np.arctan2(-r01, cosine)
     angles[..., 2] = np.arctan2(r02, r00)

@@ -276,8 +276,8 @@ class Firmware:
         return len(self._ids) * _READ_IMU_US[self._configuration.i2c_100khz]
 
     def _when_sent(self) -> int:
-        line_bytes = (15 + 10 * len(self._ids)) * bool(self._flags & Stream.QUATERNIONS)
-        line_bytes += (15 + 6 * len(self._ids)) * bool(self._flags & Stream.ACCELERATION)
+        """When the first packet of this sweep has left; a second one follows at once."""
+        line_bytes = 15 + len(self._ids) * (10 if self._flags & Stream.QUATERNIONS else 6)
         return self._sweep_us + self._scan_us() + round(10 * line_bytes * self._bit_us)
 
     def _send_sweep(self) -> None:

@@ -10,6 +10,7 @@ from sesa2.shape.rotations import (
     SMALL_ANGLE,
     FloatArray,
     conjugate,
+    cross,
     multiply,
     slerp,
     tangent,
@@ -43,8 +44,8 @@ def arc(rotation: FloatArray, start: FloatArray) -> FloatArray:
     safe = np.where(small, 1.0, angle)
     first = np.where(small, 0.5 - angle2 / 24.0 + angle2**2 / 720.0, (1.0 - np.cos(safe)) / safe**2)
     second = np.where(small, 1.0 / 6.0 - angle2 / 120.0 + angle2**2 / 5040.0, (safe - np.sin(safe)) / safe**3)
-    once = np.cross(rotation, start)
-    return start + first[..., None] * once + second[..., None] * np.cross(rotation, once)
+    once = cross(rotation, start)
+    return start + first[..., None] * once + second[..., None] * cross(rotation, once)
 
 
 class Arcs(Curve):

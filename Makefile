@@ -1,0 +1,43 @@
+# make demo: set up and run the main job · make test · make lint · make bench · make venv: the set-up alone
+.DEFAULT_GOAL := help
+SHELL := /bin/bash
+VENV := .venv
+BIN := $(VENV)/bin
+# The first that runs: 3.12 is what Jazzy has.
+PYTHON ?= $(shell for p in python3.12 python3.11 python3.13 python3.10 python3; do \
+	$$p -c 'import sys; sys.exit(not (3, 10) <= sys.version_info[:2] <= (3, 13))' 2>/dev/null && echo $$p && break; done)
+EXTRAS := ros,report,test,lint
+
+.PHONY: help venv demo test lint bench clean
+help:
+	@sed -n 1p Makefile | cut -c3-
+
+venv: $(VENV)/.ready
+
+# Everything that the messages are built from; the package itself is installed editable.
+$(VENV)/.ready: setup.py pyproject.toml package.xml $(wildcard msg_defs/* msg_defs/msg/*) $(wildcard scripts/*)
+	@./.ci/check-system '$(PYTHON)'
+	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
+	@echo 'Setting up $(VENV) with ROS 2 Jazzy (a few minutes the first time) …'
+	@$(BIN)/pip install --quiet --disable-pip-version-check --upgrade pip 'setuptools>=68' wheel 2>$(VENV)/pip.log || { cat $(VENV)/pip.log >&2; exit 1; }
+	@$(BIN)/pip install --quiet --disable-pip-version-check ./msg_defs 2>$(VENV)/pip.log || { cat $(VENV)/pip.log >&2; exit 1; }
+	@$(BIN)/pip install --quiet --disable-pip-version-check --editable '.[$(EXTRAS)]' 2>$(VENV)/pip.log || { cat $(VENV)/pip.log >&2; exit 1; }
+	@touch $@
+
+demo: venv
+	@$(BIN)/sesa2 run --config config/prototype3_8.yaml --source sim
+
+test: venv
+	@$(BIN)/python -m pytest
+
+lint: venv
+	@$(BIN)/ruff check .
+	@$(BIN)/ruff format --check .
+	@$(BIN)/mypy
+	@$(BIN)/lint-imports
+
+bench: venv
+	@$(BIN)/python bench/run.py
+
+clean:
+	rm -rf $(VENV) build install log

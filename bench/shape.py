@@ -1,0 +1,74 @@
+"""The estimator's own work for a sweep: against the predecessor's way and against scipy, in one run."""
+
+import timeit
+
+import numpy as np
+from predecessor import on_sweep
+from scipy.spatial.transform import Rotation, Slerp
+
+from sesa2.configuration import validate
+from sesa2.estimation.estimator import Estimator
+from sesa2.estimation.sweeps import Sweep
+from sesa2.shape.rotations import IDENTITY, from_rotation_vector, multiply
+
+POSITIONS = [0.08, 0.16, 0.24, 0.32, 0.40, 0.48, 0.56, 0.64]
+
+
+def configuration(*models):
+    """The arm of the paper with 64 links between its IMUs."""
+    return validate(
+        {
+            'arm': {'length': 0.66},
+            'imus': {'ids': list(range(1, 9)), 'positions': POSITIONS},
+            'markers': {'names': ['M1', 'M2'], 'positions': [0.36, 0.60]},
+            'models': list(models),
+            'pcc': {'segments': [8] * 8},
+        }
+    )
+
+
+def bent_sweeps(n, rng):
+    """Sweeps of an arm that bends by about 30° per section."""
+    q = np.empty((n, 8, 4))
+    last = np.tile(IDENTITY, (n, 1))
+    for i in range(8):
+        last = multiply(last, from_rotation_vector(0.3 * rng.normal(size=(n, 3))))
+        q[:, i] = last
+    return [Sweep(k, q[k], np.ones(8, bool), None) for k in range(n)]
+
+
+def seconds(function, number):
+    """Best of five, per call."""
+    return min(timeit.repeat(function, number=number, repeat=5)) / number
+
+
+def scipy_chain(q, base):
+    """Link orientations, positions and joint angles of one model with scipy's Slerp and Rotation."""
+    slerp = Slerp([0.0, *POSITIONS], Rotation.from_quat(np.vstack([base, q])))
+    links = slerp((np.arange(64) + 0.5) * 0.01)
+    positions = np.cumsum(0.01 * links.apply([0.0, 0.0, 1.0]), axis=0)
+    before = Rotation.concatenate([Rotation.from_quat(base), links[:-1]])
+    return positions, (before.inv() * links).as_euler('XZY')
+
+
+def rows():
+    """(figure, ours, peer's name, peer's, target of the ratio)."""
+    rng = np.random.default_rng(1)
+    one, many = bent_sweeps(1, rng), bent_sweeps(2000, rng)
+    q = one[0].orientations
+    both = Estimator(configuration('rigid', 'pcc'))
+    ours = seconds(lambda: both.estimate(one), 200)
+    theirs = seconds(lambda: on_sweep(q, IDENTITY, IDENTITY, [8] * 8, 0.08, np.full(8, 0.0825)), 3)
+    yield 'one sweep, rigid + pcc of 64 links', ours, "the predecessor's way", theirs, 50
+    pcc = Estimator(configuration('pcc'))
+    yield (
+        'one sweep, pcc of 64 links',
+        seconds(lambda: pcc.estimate(one), 200),
+        'scipy',
+        seconds(lambda: scipy_chain(q, IDENTITY), 100),
+        1,
+    )
+    for name in both.configuration.models:
+        model = Estimator(configuration(name))
+        each = seconds(lambda m=model: m.estimate(many), 1) / len(many)
+        yield f'batched, per sweep, {name}', each, 'target', 25e-6, 1

@@ -1,0 +1,102 @@
+"""Bags of the ROS 1 predecessor, shown as if our own bridge had published what they hold.
+
+Its sensors all publish on `quat_meas`, type `sesa/quat`: a header without a stamp, an ID, and w x y z.
+"""
+
+from collections import Counter
+from collections.abc import Collection, Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from rosbags.rosbag1 import Reader
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+from sesa2.bags.topics import Message, Topic
+from sesa2.errors import Sesa2Error
+from sesa2.messages.imu import TYPE, ImuMessages
+
+_TOPIC = 'quat_meas'
+
+
+class _Quaternion(NamedTuple):
+    """A message of the predecessor; its stamp is when the bag recorded it."""
+
+    stamp_ns: int
+    id: int
+    x: float
+    y: float
+    z: float
+    w: float
+
+
+class PredecessorBag:
+    """A bag of the predecessor, as a part of a recording (`topics.Part`).
+
+    Parameters
+    ----------
+    path
+        the .bag file.
+    first_id
+        the ID in the bag that is our IMU 1; the lowest in the bag where it is None.
+
+    Raises
+    ------
+    Sesa2Error
+        it is no whole ROS 1 bag, or holds no orientations.
+    """
+
+    def __init__(self, path: Path, first_id: int | None = None):
+        self._path = path
+        self.problems: list[str] = []
+        self._reader = Reader(path)
+        try:
+            self._reader.open()
+            self._connections = [c for c in self._reader.connections if c.topic.endswith(_TOPIC)]
+            self._types = get_typestore(Stores.EMPTY)
+            for connection in self._connections:
+                self._types.register(get_types_from_msg(connection.msgdef.data, connection.msgtype))
+        except OSError:
+            raise
+        except Exception as error:  # a damaged file makes its parser stumble in any way
+            raise Sesa2Error(f'{path}: nothing readable: {error or type(error).__name__}') from None
+        if not self._connections:
+            there = ', '.join(c.topic for c in self._reader.connections) or 'none'
+            self._reader.close()
+            raise Sesa2Error(f'{path}: no topic {_TOPIC} in this ROS 1 bag; its topics: {there}')
+        counts = Counter(quaternion.id for quaternion in self._quaternions(self.problems))
+        self._first = min(counts, default=0) if first_id is None else first_id
+        below = sum(n for id_, n in counts.items() if id_ < self._first)
+        if below:
+            self.problems.append(
+                f'{path}: {below} samples of IDs below the first ID {self._first} are not used'
+            )
+        self.topics = {
+            self._name(id_): Topic(TYPE, n) for id_, n in sorted(counts.items()) if id_ >= self._first
+        }
+
+    def _name(self, bag_id: int) -> str:
+        return f'/imu_{bag_id - self._first + 1}/data'
+
+    def messages(self, topics: Collection[str]) -> Iterator[Message]:
+        """Its quaternions as sensor_msgs/Imu."""
+        makers: dict[str, ImuMessages] = {}
+        for stamp_ns, bag_id, *orientation in self._quaternions([]):
+            name = self._name(bag_id)
+            if name in topics:
+                maker = makers.setdefault(name, ImuMessages(name.split('/')[1]))
+                yield Message(name, TYPE, stamp_ns, maker.make(stamp_ns, np.array(orientation)))
+
+    def _quaternions(self, problems: list[str]) -> Iterator[_Quaternion]:
+        read = 0
+        try:
+            for connection, log_ns, data in self._reader.messages(self._connections):
+                m = self._types.deserialize_ros1(data, connection.msgtype)
+                yield _Quaternion(log_ns, m.ID, m.x, m.y, m.z, m.w)
+                read += 1
+        except Exception as error:  # as above
+            problems.append(f'{self._path} is damaged after {read} samples, the rest is not used: {error}')
+
+    def close(self) -> None:
+        """Close the file."""
+        self._reader.close()

@@ -1,0 +1,156 @@
+"""What sesa2 reads out of recordings: samples of the IMUs, the configuration, and poses."""
+
+from collections import Counter, defaultdict
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from sesa2.bags.definitions import POSE_ARRAY, STRING, typestore
+from sesa2.bags.recording import Recording, open_recording
+from sesa2.bags.topics import absolute, imu_topic
+from sesa2.errors import Sesa2Error
+from sesa2.messages.imu import read_imu
+from sesa2.shape.rotations import FloatArray
+
+NS = 1_000_000_000
+
+
+class Sample(NamedTuple):
+    """One measurement of one IMU: stamp, ns, q_WS, and the sensor_msgs/Imu that it was read from, in CDR."""
+
+    id: int
+    stamp_ns: int
+    x: float
+    y: float
+    z: float
+    w: float
+    data: bytes
+
+
+class ImuRecording:
+    """The IMUs of a recording.
+
+    Parameters
+    ----------
+    recording
+        open, and kept open by the caller.
+
+    Attributes
+    ----------
+    namespace
+        of the topics, with a slash at its end.
+    counts
+        number of messages of each id.
+    unreadable
+        number of messages of each id that were no whole sensor_msgs/Imu; complete after reading.
+
+    Raises
+    ------
+    Sesa2Error
+        there is no message of an IMU in it, or there are those of several arms.
+    """
+
+    def __init__(self, recording: Recording):
+        self._recording = recording
+        by_namespace: dict[str, dict[str, int]] = defaultdict(dict)
+        for name, topic in recording.topics.items():
+            imu = imu_topic(name, topic.type)
+            if imu and topic.count:
+                by_namespace[imu.namespace][name] = imu.id
+        if not by_namespace:
+            there = ', '.join(f'{name} ({t.type}, {t.count})' for name, t in recording.topics.items())
+            raise Sesa2Error(
+                f'{recording.path}: no message of an IMU, expected topics imu_<id>/data of sensor_msgs/msg/Imu; '
+                f'its topics: {there or "none"}'
+            )
+        if len(by_namespace) > 1:
+            names = ' and '.join(sorted(by_namespace))
+            raise Sesa2Error(
+                f'{recording.path}: IMU topics in the namespaces {names}, expected those of one arm'
+            )
+        ((self.namespace, self._ids),) = by_namespace.items()
+        self.counts = {id_: recording.topics[name].count for name, id_ in self._ids.items()}
+        self.unreadable: Counter[int] = Counter()
+
+    def samples(self) -> Iterator[Sample]:
+        """All measurements, in the recording's order."""
+        ids = self._ids
+        for topic, _, _, data in self._recording.messages(ids):
+            try:
+                yield Sample(ids[topic], *read_imu(data), data)
+            except Sesa2Error:
+                self.unreadable[ids[topic]] += 1
+
+    def configuration(self) -> str | None:
+        """The configuration that was in force, as YAML; None where the recording does not hold it."""
+        name = f'{self.namespace}configuration'
+        if name not in self._recording.topics or self._recording.topics[name].type != STRING:
+            return None
+        message = next(self._recording.messages([name]), None)
+        return typestore().deserialize_cdr(message.data, STRING).data if message else None
+
+
+class Poses(NamedTuple):
+    """Positions over time, as a PoseArray carries them.
+
+    Attributes
+    ----------
+    times_s : (n,)
+        stamps of the messages, or when they were recorded where they have none, s.
+    positions : (n, m, 3)
+        m.
+    frame
+        in which the positions are.
+    """
+
+    times_s: FloatArray
+    positions: FloatArray
+    frame: str
+
+
+def read_poses(path: str | Path, topic: str) -> Poses:
+    """Read one topic of geometry_msgs/PoseArray.
+
+    Parameters
+    ----------
+    path
+        of the recording.
+    topic
+        its name; the slash in front may be left out.
+
+    Raises
+    ------
+    Sesa2Error
+        the recording is not readable, has no such topic, or its messages have different numbers of poses.
+    """
+    name = absolute(topic)
+    with open_recording(path) as recording:
+        there = recording.topics.get(name)
+        if there is None or there.type != POSE_ARRAY:
+            got = f'it is of {there.type}' if there else 'there is none'
+            arrays = ', '.join(n for n, t in recording.topics.items() if t.type == POSE_ARRAY)
+            raise Sesa2Error(
+                f'{path}: expected a topic {name} of {POSE_ARRAY}, {got}; of this type are: {arrays or "none"}'
+            )
+        times: list[int] = []
+        positions: list[list[tuple[float, float, float]]] = []
+        frame = ''
+        for message in recording.messages([name]):
+            try:
+                array = typestore().deserialize_cdr(message.data, POSE_ARRAY)
+            except Exception:  # cut bytes make its parser stumble in any way
+                raise Sesa2Error(f'{path}: message {len(times)} of {name} is no {POSE_ARRAY}') from None
+            stamp = array.header.stamp
+            times.append(stamp.sec * NS + stamp.nanosec or message.log_ns)
+            positions.append([(p.position.x, p.position.y, p.position.z) for p in array.poses])
+            frame = array.header.frame_id
+            if len(array.poses) != len(positions[0]):
+                raise Sesa2Error(
+                    f'{path}: message {len(times) - 1} of {name} has {len(array.poses)} poses, '
+                    f'the first one {len(positions[0])}'
+                )
+    if not times:
+        raise Sesa2Error(f'{path}: no message on {name}')
+    return Poses(np.array(times) / NS, np.array(positions, dtype=float).reshape(len(times), -1, 3), frame)

@@ -1,0 +1,167 @@
+"""Messages of any recording, whatever its format and however it ended."""
+
+import re
+from collections.abc import Collection, Iterable, Iterator, Sequence
+from pathlib import Path
+
+from rosbags.rosbag2 import Reader
+
+from sesa2.bags.predecessor import PredecessorBag
+from sesa2.bags.topics import Message, Part, Topic, absolute, is_latched
+from sesa2.bags.unfinished import UnfinishedMcap
+from sesa2.errors import Sesa2Error
+
+
+class Recording:
+    """A recording, open for reading; a context manager.
+
+    Attributes
+    ----------
+    path
+        where it is.
+    topics
+        by absolute name.
+    """
+
+    def __init__(self, path: Path, parts: list[Part], problems: Sequence[str] = ()):
+        self.path = path
+        self._parts = parts
+        self._problems = problems
+        self.topics: dict[str, Topic] = {}
+        for part in parts:
+            for name, topic in part.topics.items():
+                before = self.topics[name].count if name in self.topics else 0
+                self.topics[name] = topic._replace(count=topic.count + before)
+
+    @property
+    def problems(self) -> list[str]:
+        """What could not be read, for people; complete once all messages have been read."""
+        return [*self._problems, *(problem for part in self._parts for problem in part.problems)]
+
+    def messages(self, topics: Iterable[str] | None = None) -> Iterator[Message]:
+        """Messages in order of time; of a bag cut short, in the order of recording.
+
+        Parameters
+        ----------
+        topics
+            names; all where it is None.
+        """
+        wanted = set(self.topics if topics is None else topics)
+        for part in self._parts:
+            yield from part.messages(wanted)
+
+    def close(self) -> None:
+        """Close its files."""
+        for part in self._parts:
+            part.close()
+
+    def __enter__(self) -> 'Recording':
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+def open_recording(path: str | Path, first_id: int | None = None) -> Recording:
+    """Open a recording.
+
+    Parameters
+    ----------
+    path
+        a rosbag2 folder, one file of it (.mcap, .db3), or a bag of the ROS 1 predecessor (.bag).
+    first_id
+        for the predecessor's: the ID in the bag that is our IMU 1; the lowest in the bag where it is None.
+
+    Raises
+    ------
+    Sesa2Error
+        there is no such file, it is no recording, or nothing in it is readable.
+    """
+    path = Path(path)
+    try:
+        if path.is_dir():
+            recording = _open_folder(path)
+        elif path.exists():
+            recording = Recording(path, [_open_file(path, first_id)])
+        else:
+            raise Sesa2Error(f'{path}: no such file or folder, expected a recording')
+    except OSError as error:
+        raise Sesa2Error(f'{path}: cannot be read: {error.strerror or error}') from None
+    if recording.problems and not any(topic.count for topic in recording.topics.values()):
+        recording.close()
+        raise Sesa2Error(f'nothing readable: {"; ".join(recording.problems)}')
+    return recording
+
+
+def _open_folder(path: Path) -> Recording:
+    problems = []
+    if (path / 'metadata.yaml').is_file():
+        try:
+            return Recording(path, [_Rosbag2(path)])
+        except _RefusedError as refused:
+            problems = [f'{path}: not all of the bag that metadata.yaml describes is there: {refused}']
+    files = sorted((p for p in path.iterdir() if p.suffix in ('.mcap', '.db3')), key=_number_in_name)
+    if not files:
+        raise Sesa2Error(f'{path}: no recording in this folder, expected .mcap or .db3 files')
+    return Recording(path, [_open_file(file) for file in files], problems)
+
+
+def _number_in_name(path: Path) -> tuple[int, str]:
+    """The files of a bag that was split are numbered; the tenth comes after the second."""
+    number = re.search(r'_(\d+)$', path.stem)
+    return int(number[1]) if number else 0, path.name
+
+
+def _open_file(path: Path, first_id: int | None = None) -> Part:
+    if path.suffix == '.bag':
+        return PredecessorBag(path, first_id)
+    if path.suffix not in ('.mcap', '.db3'):
+        raise Sesa2Error(f'{path}: not a recording, expected a rosbag2 folder, .mcap, .db3 or .bag')
+    try:
+        return _Rosbag2(path)
+    except _RefusedError as refused:
+        if path.suffix == '.db3':
+            raise Sesa2Error(f'{path}: nothing readable: {refused}') from None
+        return UnfinishedMcap(path)
+
+
+class _RefusedError(Exception):
+    """Why rosbags does not read a bag."""
+
+
+class _Rosbag2:
+    """A bag or file that ended well, read with rosbags, as a part of a recording (`topics.Part`)."""
+
+    def __init__(self, path: Path):
+        self._path = path
+        self.topics: dict[str, Topic] = {}
+        self.problems: list[str] = []
+        try:
+            self._reader = Reader(path)
+            self._reader.open()
+        except OSError:
+            raise
+        except Exception as error:  # a damaged file makes its parser stumble in any way
+            raise _RefusedError(str(error) or type(error).__name__) from None
+        self._names = {c.id: absolute(c.topic) for c in self._reader.connections}
+        for connection in self._reader.connections:
+            name = self._names[connection.id]
+            count = connection.msgcount + (self.topics[name].count if name in self.topics else 0)
+            self.topics[name] = Topic(
+                connection.msgtype, count, is_latched(connection.ext.offered_qos_profiles)
+            )
+
+    def messages(self, topics: Collection[str]) -> Iterator[Message]:
+        wanted = [c for c in self._reader.connections if self._names[c.id] in topics]
+        if not wanted:  # rosbags would take none for all
+            return
+        read = 0
+        try:
+            for connection, log_ns, data in self._reader.messages(wanted):
+                yield Message(self._names[connection.id], connection.msgtype, log_ns, data)
+                read += 1
+        except Exception as error:  # as above
+            self.problems = [f'{self._path} is damaged after {read} messages, the rest is not used: {error}']
+
+    def close(self) -> None:
+        self._reader.close()

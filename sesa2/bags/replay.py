@@ -1,0 +1,264 @@
+"""The estimator over a whole recording, as fast as the machine can, with the results of a live run."""
+
+from bisect import bisect_right
+from collections import Counter
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import repeat
+from operator import itemgetter
+from pathlib import Path
+
+import numpy as np
+
+from sesa2.bags.definitions import STRING, string_message
+from sesa2.bags.reading import ImuRecording, Sample
+from sesa2.bags.recording import open_recording
+from sesa2.bags.writing import BagWriter, new_bag
+from sesa2.configuration import Configuration, files
+from sesa2.errors import Sesa2Error
+from sesa2.estimation.estimator import Estimator
+from sesa2.estimation.sweeps import Sweep
+from sesa2.messages.imu import TYPE as IMU_TYPE
+from sesa2.messages.results import ResultMessages
+
+NS = 1_000_000_000
+
+# Samples that are worked on at once: enough to make numpy worth its while, few enough to stay in the processor's cache.
+BLOCK = 2048
+
+
+@dataclass
+class Summary:
+    """What a replay read, left out and wrote.
+
+    Attributes
+    ----------
+    samples
+        number of samples of each configured IMU, by id.
+    unknown
+        number of messages of ids that the configuration does not have.
+    unreadable
+        number of messages, by id, that were no whole sensor_msgs/Imu.
+    dropped
+        number of samples that no sweep could use, by reason.
+    sweeps
+        number of sweeps; each gave a result of every model.
+    partial
+        number of sweeps in which an enabled IMU was missing.
+    resets
+        how often time jumped back.
+    near_singular
+        number of results with a joint beyond 80° about z, by model.
+    messages
+        number of messages written, by topic.
+    duration
+        of the recording as the samples' stamps tell it, s, summed over what lies between jumps back.
+    problems
+        of the recording, for people.
+    """
+
+    samples: Counter[int] = field(default_factory=Counter)
+    unknown: Counter[int] = field(default_factory=Counter)
+    unreadable: Counter[int] = field(default_factory=Counter)
+    dropped: Counter[str] = field(default_factory=Counter)
+    sweeps: int = 0
+    partial: int = 0
+    resets: int = 0
+    near_singular: Counter[str] = field(default_factory=Counter)
+    messages: Counter[str] = field(default_factory=Counter)
+    duration: float = 0.0
+    problems: list[str] = field(default_factory=list)
+
+    @property
+    def warnings(self) -> list[str]:
+        """All that was not as it should be, for people."""
+        lines = list(self.problems)
+        lines += [f'IMU {id_}: {n} messages not used: not in imus.ids' for id_, n in self.unknown.items()]
+        lines += [f'IMU {id_}: {n} messages not used: damaged' for id_, n in self.unreadable.items()]
+        lines += [f'{n} samples not used: {reason}' for reason, n in self.dropped.items()]
+        if self.partial:
+            lines.append(f'{self.partial} of {self.sweeps} sweeps lack an IMU, which was interpolated')
+        if self.resets:
+            lines.append(f'time jumped back {self.resets} times; the estimate began anew there')
+        lines += [
+            f'{model}: {n} of {self.sweeps} results have a joint beyond 80° about z'
+            for model, n in self.near_singular.items()
+            if n
+        ]
+        return lines
+
+
+def replay(
+    source: str | Path,
+    configuration: Configuration,
+    out: str | Path,
+    *,
+    models: Sequence[str] | None = None,
+    first_id: int | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> Summary:
+    """Estimate shapes over a whole recording and write them as a new bag.
+
+    The bag holds what a live run would have published: the configuration first, then for every model its joint states,
+    markers, tip and shape, and the IMUs' messages where `record.imu` says so. Everything is recorded at the time of its
+    measurement.
+
+    Parameters
+    ----------
+    source
+        the recording.
+    configuration
+        the arm, its IMUs and the models.
+    out
+        folder of the new bag.
+    models
+        names of models, instead of the configuration's.
+    first_id
+        for a bag of the ROS 1 predecessor: the ID in it that is IMU 1; the lowest where it is None.
+    progress
+        told from time to time how many samples of how many are done.
+
+    Raises
+    ------
+    Sesa2Error
+        the recording is unusable, or the bag cannot be written; then there is no bag.
+    """
+    if models is not None:
+        configuration = files.parse(files.dump(replace(configuration, models=tuple(models))), '--models')
+    with open_recording(source, first_id) as recording:
+        imus = ImuRecording(recording)
+        indices = _indices(configuration)
+        if not any(n for id_, n in imus.counts.items() if id_ in indices):
+            raise Sesa2Error(
+                f'{source}: no message of the configured IMUs {_listed(indices)}; '
+                f'it has topics of {_listed(imus.counts)}'
+            )
+        total = sum(imus.counts.values())
+        with new_bag(out) as bag:
+            run = _Replay(configuration, imus, bag)
+            for done, sample in enumerate(imus.samples(), start=1):
+                index = indices.get(sample.id)
+                if index is not None:
+                    run.add(index, sample)
+                if progress and done % BLOCK == 0:
+                    progress(done, total)
+            summary = run.finish()
+            summary.unknown = Counter({id_: n for id_, n in imus.counts.items() if id_ not in indices})
+            summary.unreadable = imus.unreadable
+            summary.problems = recording.problems
+            if not summary.sweeps:
+                reasons = '; '.join(summary.warnings) or 'the IMUs with samples are disabled'
+                raise Sesa2Error(f'{source}: no sweep in {total} samples: {reasons}')
+        if progress:
+            progress(total, total)
+    return summary
+
+
+def _indices(configuration: Configuration) -> dict[int, int]:
+    """Index of each IMU for the sweep assembler, by id; the one on the base comes last."""
+    imus = configuration.imus
+    ids = [*imus.ids, imus.base_id] if imus.base_id else imus.ids
+    return {id_: index for index, id_ in enumerate(ids)}
+
+
+def _listed(ids: Iterable[int]) -> str:
+    return ', '.join(map(str, sorted(ids)))
+
+
+class _Replay:
+    """Estimates block by block, and writes samples and results in order of time."""
+
+    def __init__(self, configuration: Configuration, imus: ImuRecording, bag: BagWriter):
+        self._bag = bag
+        self._namespace = imus.namespace
+        self._enabled = np.array(configuration.imus.enabled)
+        self._estimator = Estimator(configuration)
+        self._assembler = self._estimator.assembler()
+        self._messages = ResultMessages(configuration, self._estimator)
+        self._names: dict[int, str] = {}
+        self._configuration = self._topic('configuration', STRING, latched=True)
+        self._yaml: str | None = files.dump(configuration)  # until it is written
+        recorded = sorted(set(imus.counts) & set(_indices(configuration))) if configuration.record.imu else []
+        self._imus = {id_: self._topic(f'imu_{id_}/data', IMU_TYPE) for id_ in recorded}
+        self._results = {
+            topic: self._topic(*topic)
+            for topic in self._messages.topics
+            if not topic.name.endswith('/marker_array')  # which is for viewers
+        }
+        self._block: list[Sweep] = []
+        self._pending: list[tuple[int, int, bytes]] = []  # stamp, topic and bytes of what is not written yet
+        self._taken = 0
+        self._first_ns: int | None = None  # stamps of the results since time last jumped back
+        self._last_ns = 0
+        self.summary = Summary()
+
+    def _topic(self, name: str, type_name: str, *, latched: bool = False) -> int:
+        number = self._bag.add_topic(f'{self._namespace}{name}', type_name, latched=latched)
+        self._names[number] = f'{self._namespace}{name}'
+        return number
+
+    def add(self, index: int, sample: Sample) -> None:
+        """Take a sample of a configured IMU."""
+        id_, stamp_ns, x, y, z, w, data = sample
+        resets = self._assembler.resets
+        sweeps = self._assembler.add(index, stamp_ns, x, y, z, w)
+        if self._assembler.resets != resets:  # sweeps of before the jump go with the samples of before it
+            self._block += [sweep for sweep in sweeps if sweep.stamp_ns > stamp_ns]
+            sweeps = [sweep for sweep in sweeps if sweep.stamp_ns <= stamp_ns]
+            self._end_segment()
+        self._block += sweeps
+        if id_ in self._imus:
+            self._pending.append((stamp_ns, self._imus[id_], data))
+        self.summary.samples[id_] += 1
+        self._taken += 1
+        if self._taken >= BLOCK:
+            self._end_block()
+
+    def finish(self) -> Summary:
+        """Write what is left."""
+        self._block += self._assembler.flush()
+        self._end_segment()
+        self.summary.dropped = self._assembler.dropped
+        self.summary.resets = self._assembler.resets
+        self.summary.messages = Counter({self._names[n]: count for n, count in self._bag.counts.items()})
+        return self.summary
+
+    def _end_segment(self) -> None:
+        self._end_block()
+        self._write(self._pending)
+        self._pending = []
+        if self._first_ns is not None:
+            self.summary.duration += (self._last_ns - self._first_ns) / NS
+        self._first_ns = None
+
+    def _end_block(self) -> None:
+        """Estimate, and write what is not newer than the last result: a result can be older than the next sample."""
+        self._taken = 0
+        if not self._block:
+            if len(self._pending) > BLOCK:  # nothing but samples that make no sweep
+                self._write(self._pending)
+                self._pending = []
+            return
+        estimate = self._estimator.estimate(self._block)
+        stamps = estimate.stamps_ns.tolist()
+        for topic, number in self._results.items():
+            rows = self._messages.make(topic, estimate)
+            self._pending += zip(stamps, repeat(number), map(bytes, rows))
+        self.summary.sweeps += len(stamps)
+        self.summary.partial += sum(not sweep.measured[self._enabled].all() for sweep in self._block)
+        self.summary.near_singular.update({m: r.near_singular for m, r in estimate.models.items()})
+        self._block = []
+        self._first_ns = stamps[0] if self._first_ns is None else self._first_ns
+        self._last_ns = stamps[-1]
+        self._pending.sort(key=itemgetter(0))
+        written = bisect_right(self._pending, stamps[-1], key=itemgetter(0))
+        self._write(self._pending[:written])
+        del self._pending[:written]
+
+    def _write(self, entries: list[tuple[int, int, bytes]]) -> None:
+        """Write in the order given. A bag knows no time before 0, to which the latency can lead in simulated time."""
+        if entries and self._yaml is not None:
+            self._bag.write(self._configuration, max(entries[0][0], 0), string_message(self._yaml))
+            self._yaml = None
+        for stamp_ns, topic, data in entries:
+            self._bag.write(topic, max(stamp_ns, 0), data)

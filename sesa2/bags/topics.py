@@ -1,0 +1,70 @@
+"""What a recording holds, and how topics of IMUs are called."""
+
+import re
+from collections.abc import Collection, Iterable, Iterator
+from typing import NamedTuple, Protocol
+
+from rosbags.interfaces import Qos, QosDurability
+
+from sesa2.messages.imu import TYPE as IMU_TYPE
+
+
+class Message(NamedTuple):
+    """A message as it was recorded: absolute name and type of its topic, when it was recorded, ns, its bytes in CDR."""
+
+    topic: str
+    type: str
+    log_ns: int
+    data: bytes
+
+
+class Topic(NamedTuple):
+    """Type and number of messages; latched: a late subscriber is given the last one."""
+
+    type: str
+    count: int
+    latched: bool = False
+
+
+class Part(Protocol):
+    """A recording or one file of it, open for reading.
+
+    Attributes
+    ----------
+    topics
+        by absolute name.
+    problems
+        what could not be read, for people; complete once all messages have been read.
+    """
+
+    topics: dict[str, Topic]
+    problems: list[str]
+
+    def messages(self, topics: Collection[str]) -> Iterator[Message]:
+        """Messages of these topics, again from the start at each call."""
+
+    def close(self) -> None:
+        """Close the files."""
+
+
+class ImuTopic(NamedTuple):
+    """Where an IMU publishes; the namespace ends with a slash."""
+
+    namespace: str
+    id: int
+
+
+def absolute(name: str) -> str:
+    """A topic's absolute name; some writers leave out the slash in front."""
+    return '/' + name.lstrip('/')
+
+
+def imu_topic(name: str, type_name: str) -> ImuTopic | None:
+    """Namespace and id of an IMU's topic, `…/imu_<id>/data`; None for any other topic."""
+    match = re.fullmatch(r'(/(?:.*/)?)imu_(\d+)/data', name)
+    return ImuTopic(match[1], int(match[2])) if match and type_name == IMU_TYPE else None
+
+
+def is_latched(profiles: Iterable[Qos]) -> bool:
+    """Whether a publisher of these profiles gives its last message to late subscribers."""
+    return any(qos.durability is QosDurability.TRANSIENT_LOCAL for qos in profiles)

@@ -1,0 +1,81 @@
+"""What a configuration means, for people."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from sesa2.configuration.records import Configuration
+from sesa2.shape.models import create_model
+
+
+def describe(c: Configuration) -> str:
+    """The arm, its IMUs, markers and models, as text.
+
+    Parameters
+    ----------
+    c
+        a valid configuration.
+    """
+    frame = (
+        'the clamp (base_link)' if c.frame_id == 'base_link' else 'world axes, origin at the clamp (world)'
+    )
+    on_base = f'measured by IMU {c.imus.base_id}' if c.imus.base_id else _quaternion(c.base)
+    lines = [
+        f'Arm        {c.arm.length:.3f} m long, {2e3 * c.arm.radius:.1f} mm thick; base orientation q_WB {on_base}',
+        f'Results    in {frame}; {_timing(c)}',
+        f'Source     {c.run.source}, mode {c.run.mode}',
+        '',
+        'IMUs, base to tip',
+        *_table(
+            ('id', 'channel', 's [m]', 'used', 'mounting q_LS (x y z w)', 'heading [°]'),
+            [
+                (i, i - 1, f'{s:.4f}', 'yes' if used else 'no', _quaternion(q), f'{np.degrees(h):.2f}')
+                for i, s, used, q, h in zip(
+                    c.imus.ids, c.imus.positions, c.imus.enabled, c.mountings, c.headings, strict=True
+                )
+            ],
+        ),
+        '',
+        'Models',
+        *_table(
+            ('name', 'links', 'shortest [mm]', 'longest [mm]', 'topics'),
+            [_model(c, name) for name in c.models],
+        ),
+        '',
+        'Markers',
+        *_table(
+            ('name', 's [m]'),
+            [(name, f'{s:.4f}') for name, s in zip(c.markers.names, c.markers.positions, strict=True)],
+        ),
+    ]
+    return '\n'.join(line.rstrip() for line in lines)
+
+
+def _timing(c: Configuration) -> str:
+    how = 'taken as they come' if c.time_alignment == 'none' else "interpolated to the sweep's first stamp"
+    latency = f', {1e3 * c.imus.latency:g} ms of latency taken off' if c.imus.latency else ''
+    return f'samples {how}{latency}; a sweep waits {1e3 * c.sweep_timeout:g} ms for missing IMUs'
+
+
+def _model(c: Configuration, name: str) -> tuple[object, ...]:
+    model = create_model(name, c.geometry, **c.model_options(name))
+    lengths = 1e3 * np.diff(model.link_ends)
+    return (
+        name,
+        model.n_links,
+        f'{lengths.min():.1f}',
+        f'{lengths.max():.1f}',
+        f'{name}/joint_states, markers, tip, shape',
+    )
+
+
+def _quaternion(q: Sequence[float] | np.ndarray) -> str:
+    return '[' + ', '.join(f'{v:.4g}' for v in q) + ']'
+
+
+def _table(head: Sequence[str], rows: Sequence[Sequence[object]]) -> list[str]:
+    if not rows:
+        return ['  none']
+    cells = [[str(cell) for cell in row] for row in [head, *rows]]
+    widths = [max(len(row[i]) for row in cells) for i in range(len(head))]
+    return ['  ' + '  '.join(cell.ljust(w) for cell, w in zip(row, widths, strict=True)) for row in cells]

@@ -1,0 +1,164 @@
+"""The configuration's file: a ROS 2 parameter file, in YAML."""
+
+import sys
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from sesa2.configuration.records import Configuration
+from sesa2.configuration.validation import ConfigurationError, Mistake, validate
+
+
+def find(name: str) -> Path:
+    """A configuration's file, by path or by the name of a shipped one.
+
+    Parameters
+    ----------
+    name
+        a path, or for example `prototype3_8`.
+
+    Raises
+    ------
+    ConfigurationError
+        there is no such file; the message lists the shipped ones.
+    """
+    path = Path(name)
+    if path.is_file():
+        return path
+    shipped = {p.stem: p for folder in _shipped_folders() for p in sorted(folder.glob('*.yaml'))}
+    if name in shipped:
+        return shipped[name]
+    if path.is_dir():
+        raise ConfigurationError([Mistake('', 'is a folder, expected a file')], name)
+    known = ', '.join(shipped) or 'none'
+    raise ConfigurationError(
+        [Mistake('', f'no such file, nor a shipped configuration (there are: {known})')], name
+    )
+
+
+def _shipped_folders() -> list[Path]:
+    """Beside the package in a checkout; under share/ once installed by pip or colcon."""
+    package = Path(__file__).resolve().parents[1]
+    candidates = [package.parent / 'config', Path(sys.prefix) / 'share/sesa2/config']
+    candidates += [folder / 'share/sesa2/config' for folder in package.parents]
+    return [folder for folder in candidates if folder.is_dir()][:1]
+
+
+def load(path: str | Path) -> Configuration:
+    """Read and validate a file.
+
+    Raises
+    ------
+    ConfigurationError
+        it cannot be read, is not YAML, or holds mistakes.
+    """
+    try:
+        text = Path(path).read_text(encoding='utf-8')
+    except (OSError, UnicodeDecodeError) as error:
+        reason = error.strerror if isinstance(error, OSError) else 'is not text'
+        raise ConfigurationError([Mistake('', f'cannot be read: {reason}')], str(path)) from None
+    return parse(text, str(path))
+
+
+def parse(text: str, source: str) -> Configuration:
+    """Read and validate YAML.
+
+    Parameters
+    ----------
+    text
+        YAML, as `dump` writes it.
+    source
+        where it is from, for messages.
+
+    Raises
+    ------
+    ConfigurationError
+        it is not YAML, or holds mistakes.
+    """
+    try:
+        document = yaml.load(text, Loader=_UniqueKeyLoader)
+    except yaml.YAMLError as error:
+        mark = getattr(error, 'problem_mark', None)
+        place = f'line {mark.line + 1}, column {mark.column + 1}' if mark else ''
+        problem = getattr(error, 'problem', None) or str(error)
+        raise ConfigurationError([Mistake(place, f'YAML: {problem}')], source) from None
+    return validate(_parameters(document, source), source)
+
+
+def _parameters(document: Any, source: str) -> dict[str, Any]:
+    expected = "expected '/**:' and under it 'ros__parameters:'"
+    if not isinstance(document, dict):
+        raise ConfigurationError([Mistake('', f'got {type(document).__name__}, {expected}')], source)
+    mistakes = [
+        Mistake(
+            str(key), f"is not read, {expected}; parameters of one node alone go on that node's command line"
+        )
+        for key in document
+        if key != '/**'
+    ]
+    node = document.get('/**')
+    if mistakes or not isinstance(node, dict) or not isinstance(node.get('ros__parameters'), dict):
+        raise ConfigurationError(mistakes or [Mistake('', expected)], source)
+    extra = [Mistake(f'/**.{key}', f'is not read, {expected}') for key in node if key != 'ros__parameters']
+    if extra:
+        raise ConfigurationError(extra, source)
+    return node['ros__parameters']
+
+
+class _UniqueKeyLoader(yaml.SafeLoader):
+    """YAML keeps the last of two equal keys without a word; here that is a mistake."""
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
+        seen = set()
+        for key_node, _ in node.value:
+            key = self.construct_object(key_node, deep=deep)
+            if key in seen:
+                raise yaml.constructor.ConstructorError(
+                    None, None, f'the key {key!r} stands here a second time', key_node.start_mark
+                )
+            seen.add(key)
+        return super().construct_mapping(node, deep)
+
+
+def dump(configuration: Configuration) -> str:
+    """The configuration as YAML that `load` and ROS read back.
+
+    Empty lists are left out, since ROS cannot read them.
+    """
+    values: dict[str, Any] = {}
+    for name, value in asdict(configuration).items():
+        value = _plain(value)
+        if isinstance(value, dict):
+            value = {k: v for k, v in value.items() if v != []}
+        if value not in ({}, []):
+            values[name] = value
+    return yaml.dump(
+        {'/**': {'ros__parameters': values}}, Dumper=_Dumper, sort_keys=False, width=120, allow_unicode=True
+    )
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {k: _plain(v) for k, v in value.items()}
+    return list(value) if isinstance(value, tuple) else value
+
+
+class _Dumper(yaml.SafeDumper):
+    """Lists on one line; numbers with a point: `1e-05` is a text to YAML 1.1, and an integer is no number to ROS."""
+
+
+_Dumper.add_representer(
+    list, lambda dumper, v: dumper.represent_sequence('tag:yaml.org,2002:seq', v, flow_style=True)
+)
+
+
+def _represent_float(dumper: yaml.SafeDumper, value: float) -> yaml.Node:
+    text = repr(value)
+    if 'e' in text and '.' not in text:
+        text = text.replace('e', '.0e')
+    return dumper.represent_scalar('tag:yaml.org,2002:float', text)
+
+
+_Dumper.add_representer(float, _represent_float)

@@ -1,0 +1,258 @@
+"""From plain values, as YAML or ROS give them, to a configuration; every mistake is found at once."""
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import is_dataclass, replace
+from difflib import get_close_matches
+from typing import Any, NamedTuple, get_args, get_origin, get_type_hints
+
+from sesa2.configuration.records import REQUIRED, Configuration, leaves
+from sesa2.errors import Sesa2Error
+from sesa2.shape.arm import GeometryError
+from sesa2.shape.models import create_model
+
+
+class Mistake(NamedTuple):
+    """One thing that is wrong: where, and what was got and expected."""
+
+    place: str
+    message: str
+
+
+class ConfigurationError(Sesa2Error):
+    """A configuration that cannot be used; carries every mistake."""
+
+    def __init__(self, mistakes: Iterable[Mistake], source: str = 'configuration'):
+        self.mistakes = tuple(mistakes)
+        self.source = source
+        count = '1 mistake' if len(self.mistakes) == 1 else f'{len(self.mistakes)} mistakes'
+        lines = [f'  {m.place}: {m.message}' if m.place else f'  {m.message}' for m in self.mistakes]
+        super().__init__('\n'.join([f'{source}: {count}', *lines]))
+
+
+def validate(values: Mapping[str, Any], source: str = 'configuration') -> Configuration:
+    """Make a configuration.
+
+    Parameters
+    ----------
+    values
+        nested as in the file, under `ros__parameters`.
+    source
+        where the values are from, for the message.
+
+    Raises
+    ------
+    ConfigurationError
+        with every mistake, its place and what is allowed.
+    """
+    mistakes: list[Mistake] = []
+    given = _flatten(values, mistakes)
+    read: dict[str, Any] = {}
+    for path, kind, item in leaves():
+        if path in given:
+            value = _read(path, kind, item.metadata, given.pop(path), mistakes)
+            if value is not None:
+                read[path] = value
+    # A list that could not be read is not also missed.
+    known = {path for path, _, _ in leaves()}
+    mistakes += [Mistake(path, _unknown(path, known)) for path in given]
+    wrong = {m.place.split('[')[0] for m in mistakes}
+    for path in ('arm.length', 'imus.ids', 'imus.positions'):
+        if path not in read and path not in wrong:
+            mistakes.append(Mistake(path, 'is missing'))
+    if not mistakes:
+        configuration = _fill(_build(read))
+        mistakes += _check(configuration)
+    if mistakes:
+        raise ConfigurationError(mistakes, source)
+    return configuration
+
+
+def _flatten(values: Mapping[str, Any], mistakes: list[Mistake]) -> dict[str, Any]:
+    sections = {n for n, kind in get_type_hints(Configuration).items() if is_dataclass(kind)}
+    flat: dict[str, Any] = {}
+    for key, value in values.items():
+        if key in sections and not isinstance(value, Mapping):
+            mistakes.append(Mistake(str(key), f'got {value!r}, expected a section with keys'))
+        elif isinstance(value, Mapping):
+            flat.update({f'{key}.{inner}': item for inner, item in value.items()})
+        else:
+            flat[str(key)] = value
+    return flat
+
+
+def _unknown(path: str, known: set[str]) -> str:
+    nearest = get_close_matches(path, known, n=1, cutoff=0.6)
+    if not nearest:  # the right key in the wrong section
+        nearest = [k for k in known if k.split('.')[-1] == path.split('.')[-1]][:1]
+    return f'is not known; did you mean {nearest[0]}?' if nearest else 'is not known'
+
+
+_NAMES = {float: 'a number', int: 'an integer', bool: 'true or false', str: 'a text'}
+
+
+def _read(path: str, kind: Any, rule: Mapping[str, Any], value: Any, mistakes: list[Mistake]) -> Any:
+    """A value of the kind, or None after noting what is wrong with it."""
+    if get_origin(kind) not in (tuple, None):  # a text or a list
+        text, several = get_args(kind)
+        kind = text if isinstance(value, str) else several
+    if get_origin(kind) is tuple:
+        kind = get_args(kind)[0]
+        if not isinstance(value, (list, tuple)):
+            mistakes.append(Mistake(path, f'got {value!r}, expected a list, [{_NAMES[kind]}, …]'))
+            return None
+        if not value:
+            mistakes.append(Mistake(path, 'got an empty list, which ROS cannot read; leave the key out'))
+            return None
+        if kind is float and {type(v) for v in value} == {int, float}:
+            at = next(i for i, v in enumerate(value) if type(v) is int)
+            mistakes.append(
+                Mistake(
+                    f'{path}[{at}]',
+                    f'got the integer {value[at]} among numbers, which ROS cannot read; write {value[at]}.0',
+                )
+            )
+            return None
+        entries = [_one(f'{path}[{i}]', kind, rule, v, mistakes) for i, v in enumerate(value)]
+        return None if None in entries else tuple(entries)
+    return _one(path, kind, rule, value, mistakes)
+
+
+def _one(place: str, kind: type, rule: Mapping[str, Any], value: Any, mistakes: list[Mistake]) -> Any:
+    if kind is float and type(value) is int:
+        value = float(value)
+    if type(value) is not kind:
+        hint = ' (quote it)' if kind is str else ''
+        mistakes.append(Mistake(place, f'got {value!r}, expected {_NAMES[kind]}{hint}'))
+        return None
+    if kind is float and not math.isfinite(value):
+        mistakes.append(Mistake(place, f'got {value}, expected a finite number'))
+        return None
+    low, high, above, choices = rule['low'], rule['high'], rule['above'], rule['choices']
+    allowed = ''
+    if choices and value not in choices:
+        allowed = f'one of {", ".join(map(str, choices))}'
+        nearest = get_close_matches(str(value), map(str, choices), n=1)
+        allowed += f'; did you mean {nearest[0]}?' if nearest else ''
+    elif above is not None and not value > above:
+        allowed = f'more than {above:g}'
+    elif (low is not None and value < low) or (high is not None and value > high):
+        allowed = f'{low:g} to {high:g}' if high is not None else f'at least {low:g}'
+    if allowed:
+        mistakes.append(Mistake(place, f'got {value!r}, expected {allowed}'))
+        return None
+    return value
+
+
+def _build(read: Mapping[str, Any]) -> Configuration:
+    top: dict[str, Any] = {}
+    for name, kind in get_type_hints(Configuration).items():
+        if is_dataclass(kind):
+            own = {path.split('.')[1]: v for path, v in read.items() if path.startswith(f'{name}.')}
+            top[name] = kind(**own)  # type: ignore[operator]
+        elif name in read:
+            top[name] = read[name]
+    return Configuration(**top)
+
+
+def _fill(c: Configuration) -> Configuration:
+    """Lists that were not given: every IMU enabled, two links per section."""
+    n = len(c.imus.ids)
+    if c.imus.enabled == REQUIRED:
+        c = replace(c, imus=replace(c.imus, enabled=(True,) * n))
+    if c.pcc.segments == REQUIRED:
+        c = replace(c, pcc=replace(c.pcc, segments=(2,) * n))
+    return c
+
+
+def _check(c: Configuration) -> list[Mistake]:
+    """What no single value shows."""
+    n = len(c.imus.ids)
+    mistakes: list[Mistake] = []
+
+    def expect(ok: bool, place: str, message: str) -> bool:
+        if not ok:
+            mistakes.append(Mistake(place, message))
+        return ok
+
+    for i, name in _repeated(c.imus.ids):
+        expect(False, f'imus.ids[{i}]', f'got {name} a second time')
+    for name in ('positions', 'enabled'):
+        got = len(getattr(c.imus, name))
+        expect(got == n, f'imus.{name}', f'has {got} entries, expected {n}: one per id')
+    expect(any(c.imus.enabled), 'imus.enabled', 'got false for every IMU, expected at least one true')
+    for i, (before, s) in enumerate(zip(c.imus.positions, c.imus.positions[1:], strict=False), start=1):
+        expect(s > before, f'imus.positions[{i}]', f'{s:g} m is not after {before:g} m')
+    for i, s in enumerate(c.imus.positions):
+        expect(s <= c.arm.length, f'imus.positions[{i}]', f'{s:g} m is beyond the tip at {c.arm.length:g} m')
+    headings = len(c.imus.headings)
+    expect(
+        headings in (1, n),
+        'imus.headings',
+        f'has {headings} entries, expected 1 or {n}: one for all or one per IMU',
+    )
+    mounts = len(c.imus.mount_orientations)
+    if expect(
+        mounts in (4, 4 * n),
+        'imus.mount_orientations',
+        f'has {mounts} numbers, expected 4 or {4 * n}: x y z w, one for all or one per IMU',
+    ):
+        for i in range(0, mounts, 4):
+            _check_unit(f'imus.mount_orientations[{i}:{i + 4}]', c.imus.mount_orientations[i : i + 4], expect)
+    for place, q in (
+        ('arm.base_orientation', c.arm.base_orientation),
+        ('imus.base_mount_orientation', c.imus.base_mount_orientation),
+    ):
+        if expect(len(q) == 4, place, f'has {len(q)} numbers, expected 4: x y z w'):
+            _check_unit(place, q, expect)
+    expect(
+        c.imus.base_id not in c.imus.ids,
+        'imus.base_id',
+        f'got {c.imus.base_id}, which is also in imus.ids; it sits on the base',
+    )
+    names, at = c.markers.names, c.markers.positions
+    expect(
+        len(names) == len(at),
+        'markers.positions',
+        f'has {len(at)} entries, expected {len(names)}: one per name',
+    )
+    for i, name in _repeated(names):
+        expect(False, f'markers.names[{i}]', f'got {name!r} a second time')
+    for i, s in enumerate(at):
+        expect(
+            s <= c.arm.length, f'markers.positions[{i}]', f'{s:g} m is beyond the tip at {c.arm.length:g} m'
+        )
+    for i, name in _repeated(c.models):
+        expect(False, f'models[{i}]', f'got {name!r} a second time')
+    if c.run.source == 'bag':
+        expect(c.run.bag != '', 'run.bag', "is empty, and the source is 'bag'")
+    if c.run.mode == 'calibrate':
+        expect(
+            c.run.source in ('sim', 'serial'),
+            'run.mode',
+            "got 'calibrate', which needs the source sim or serial",
+        )
+        expect(c.calibration.file != '', 'calibration.file', "is empty, and the mode is 'calibrate'")
+    if not mistakes:
+        for name in c.models:
+            try:
+                create_model(name, c.geometry, **c.model_options(name))
+            except GeometryError as error:
+                mistakes.append(Mistake(name, str(error)))
+    return mistakes
+
+
+def _repeated(values: Iterable[Any]) -> list[tuple[int, Any]]:
+    seen: set[Any] = set()
+    again = []
+    for i, value in enumerate(values):
+        if value in seen:
+            again.append((i, value))
+        seen.add(value)
+    return again
+
+
+def _check_unit(place: str, q: tuple[float, ...], expect: Any) -> None:
+    norm = math.sqrt(sum(v * v for v in q))
+    # A hundredth lets a quaternion with two decimals pass; it is normalised before use.
+    expect(abs(norm - 1.0) < 0.01, place, f'has norm {norm:.4g}, expected a unit quaternion x y z w')

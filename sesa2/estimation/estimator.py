@@ -1,0 +1,164 @@
+"""Sweeps in, the arm's shape by every configured model out; one sweep or a whole batch."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from sesa2.configuration import Configuration
+from sesa2.estimation.sweeps import Sweep, SweepAssembler
+from sesa2.imu.mounting import Mounting
+from sesa2.shape.joints import WARN_ANGLE, hold_x, joint_angles
+from sesa2.shape.missing import fill_missing
+from sesa2.shape.model import Model
+from sesa2.shape.models import create_model
+from sesa2.shape.rotations import IDENTITY, FloatArray, conjugate, multiply, rotate
+
+
+class ModelResult(NamedTuple):
+    """What one model says; in the configured output frame, leading axis the sweeps.
+
+    Attributes
+    ----------
+    joints : (n, n_links, 3)
+        joint angles x, z, y of each link, rad.
+    ends, end_orientations : (n, n_links + 1, 3) and (…, 4)
+        ends of all links, base to tip, m, and the orientations there, x y z w.
+    markers, marker_orientations : (n, n_markers, 3) and (…, 4)
+        the markers, m, x y z w.
+    near_singular
+        number of sweeps with a joint beyond 80° about z.
+    """
+
+    joints: FloatArray
+    ends: FloatArray
+    end_orientations: FloatArray
+    markers: FloatArray
+    marker_orientations: FloatArray
+    near_singular: int
+
+
+class Estimate(NamedTuple):
+    """Results of a batch of sweeps.
+
+    Attributes
+    ----------
+    stamps_ns : (n,)
+        time of the measurement of each result, ns.
+    base : (n, 4)
+        q_WB, x y z w.
+    models
+        by name, in the order of the configuration.
+    """
+
+    stamps_ns: np.ndarray
+    base: FloatArray
+    models: dict[str, ModelResult]
+
+
+class _Configured:
+    """A model and the arc lengths at which it is asked."""
+
+    def __init__(self, model: Model, markers: Sequence[float]):
+        self.model = model
+        self.s = np.concatenate([model.link_ends, markers])
+        self.n_ends = len(model.link_ends)
+        self.angles: FloatArray | None = None  # of the last sweep, to go on from at a singularity
+
+
+class Estimator:
+    """Turns measured orientations into shapes. What does not depend on the measurement is computed once.
+
+    Parameters
+    ----------
+    configuration
+        the arm, its IMUs and the models.
+    """
+
+    def __init__(self, configuration: Configuration):
+        self.configuration = configuration
+        self.arm = configuration.geometry
+        self._mounting = Mounting(configuration.mountings, configuration.headings)
+        self._base = configuration.base
+        self._base_mounting = Mounting(
+            np.array([configuration.imus.base_mount_orientation], dtype=float), np.zeros(1)
+        )
+        self._in_world = configuration.arm.output_frame == 'world'
+        self._models = {
+            name: _Configured(
+                create_model(name, self.arm, **configuration.model_options(name)),
+                configuration.markers.positions,
+            )
+            for name in configuration.models
+        }
+        self._base_is_world = not configuration.imus.base_id and bool(
+            np.array_equal(np.abs(self._base), IDENTITY)
+        )
+
+    @property
+    def models(self) -> dict[str, Model]:
+        """The models, in the order of the configuration."""
+        return {name: configured.model for name, configured in self._models.items()}
+
+    def assembler(self) -> SweepAssembler:
+        """A sweep assembler for this configuration; index n_imu is the IMU on the base, if there is one."""
+        imus = self.configuration.imus
+        return SweepAssembler(
+            imus.enabled,
+            has_base=imus.base_id != 0,
+            timeout=self.configuration.sweep_timeout,
+            interpolate=self.configuration.time_alignment == 'interpolate',
+            latency=imus.latency,
+        )
+
+    def estimate(self, sweeps: Sequence[Sweep]) -> Estimate:
+        """Shapes of sweeps.
+
+        Parameters
+        ----------
+        sweeps
+            at least one, in order of time.
+        """
+        stamps = np.array([sweep.stamp_ns for sweep in sweeps], dtype=np.int64)
+        measured = np.stack([sweep.measured for sweep in sweeps])
+        base = self._bases(sweeps)
+        orientations = self._mounting.link_orientations(np.stack([sweep.orientations for sweep in sweeps]))
+        orientations = fill_missing(orientations, measured, self.arm, base)
+        results = {
+            name: self._fit(configured, orientations, base) for name, configured in self._models.items()
+        }
+        return Estimate(stamps, base, results)
+
+    def _bases(self, sweeps: Sequence[Sweep]) -> FloatArray:
+        measured = [sweep.base for sweep in sweeps if sweep.base is not None]
+        if not measured:
+            return np.broadcast_to(self._base, (len(sweeps), 4))
+        return self._base_mounting.link_orientations(np.stack(measured)[:, None])[:, 0]
+
+    def _fit(self, configured: _Configured, orientations: FloatArray, base: FloatArray) -> ModelResult:
+        backbone = configured.model.fit(orientations, base)
+        positions, there = backbone.positions(configured.s), backbone.orientations(configured.s)
+        if not self._in_world and not self._base_is_world:
+            to_base = conjugate(base)[:, None, :]
+            positions, there = rotate(to_base, positions), multiply(to_base, there)
+        angles = self._angles(configured, backbone.link_orientations, base)
+        n = configured.n_ends
+        return ModelResult(
+            joints=angles,
+            ends=positions[:, :n],
+            end_orientations=there[:, :n],
+            markers=positions[:, n:],
+            marker_orientations=there[:, n:],
+            near_singular=int(np.any(np.abs(angles[..., 1]) > WARN_ANGLE, axis=-1).sum()),
+        )
+
+    @staticmethod
+    def _angles(configured: _Configured, link_orientations: FloatArray, base: FloatArray) -> FloatArray:
+        joints = joint_angles(link_orientations, base)
+        angles = joints.angles
+        if joints.singular.any():
+            last = configured.angles if configured.angles is not None else np.zeros(angles.shape[1:])
+            for i in range(len(angles)):
+                angles[i] = last = hold_x(type(joints)(angles[i], joints.singular[i]), last)
+        configured.angles = angles[-1]
+        return angles

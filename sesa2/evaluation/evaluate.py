@@ -1,0 +1,296 @@
+"""A whole evaluation: estimates of one or more models against one truth."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from sesa2.evaluation.accuracy import MarkerError, marker_error
+from sesa2.evaluation.registration import Kind, Registration, fit_registration
+from sesa2.evaluation.screening import Screened, screen
+from sesa2.evaluation.time_offset import TimeOffset, find_time_offset
+from sesa2.evaluation.trajectory import EvaluationError, Trajectory
+from sesa2.shape.rotations import FloatArray
+
+DOUBTFUL_CORRELATION = 0.9
+
+
+@dataclass(frozen=True, eq=False)
+class Evaluation:
+    """The errors, and everything that was removed before they were measured.
+
+    Attributes
+    ----------
+    models
+        errors by model and marker.
+    time_offset
+        between the clocks; truth time = estimate time + offset.
+    registration
+        between the frames.
+    time_offset_from
+        the model that the time offset was found with; None if it was given.
+    registration_from
+        the model that the registration was fitted with; None if there is none.
+    screened
+        what was left out of the truth.
+    warnings
+        what a reader of the figures has to know, one sentence each.
+    """
+
+    models: Mapping[str, Mapping[str, MarkerError]]
+    time_offset: TimeOffset
+    registration: Registration
+    time_offset_from: str | None
+    registration_from: str | None
+    screened: Screened
+    warnings: tuple[str, ...]
+
+    def to_json(self) -> dict[str, Any]:
+        """The figures as `sesa2 evaluate --json` prints them; a figure of no samples is None."""
+        figures = ('median_mm', 'q3_mm', 'rmse_mm', 'median_pct', 'q3_pct', 'n')
+
+        def value(error: MarkerError, figure: str) -> float | int | None:
+            number = getattr(error, figure)
+            return None if math.isnan(number) else number
+
+        registration = self.registration
+        return {
+            'models': {
+                model: {
+                    marker: {figure: value(error, figure) for figure in figures}
+                    for marker, error in errors.items()
+                }
+                for model, errors in self.models.items()
+            },
+            'time_offset_s': self.time_offset.seconds,
+            'registration': {
+                'kind': registration.kind,
+                'translation_m': registration.translation.tolist(),
+                'rotation_xyzw': registration.rotation.tolist(),
+                'fitted_on_s': None if registration.fitted_on is None else list(registration.fitted_on),
+            },
+        }
+
+
+def evaluate(
+    estimates: Mapping[str, Trajectory],
+    truth: Trajectory,
+    arc_lengths: Mapping[str, float],
+    *,
+    register: Kind = 'none',
+    fit_fraction: float = 0.5,
+    time_offset: float | None = None,
+) -> Evaluation:
+    """Compare estimates with motion capture.
+
+    The estimate is interpolated to the truth's times (thesis 4.5.4). All models share one time offset and one
+    registration, since these belong to the clocks and frames of the laboratory: each is taken from the model
+    that agrees best with the truth, so that no model hides its own error in them and a worse model beside it
+    changes nothing.
+
+    Parameters
+    ----------
+    estimates
+        by model, each with at least the markers of `arc_lengths`, m.
+    truth
+        with the same markers; NaN where one was not seen.
+    arc_lengths
+        of the markers to compare, m.
+    register
+        what to fit between the frames, on the first part of the trial; the rest is scored. `none` scores all.
+    fit_fraction
+        how much of the trial (by time) the registration is fitted on, between 0 and 1.
+    time_offset
+        s, added to the estimates' times; None to find it.
+
+    Returns
+    -------
+    The errors and what was removed.
+
+    Raises
+    ------
+    EvaluationError
+        the recordings do not belong together, or too little is in them.
+    """
+    _check(estimates, arc_lengths, fit_fraction, time_offset)
+    arc_lengths = {name: float(s) for name, s in arc_lengths.items()}
+    names = tuple(arc_lengths)
+    estimates = {model: _complete(model, trajectory.select(names)) for model, trajectory in estimates.items()}
+    screened = screen(truth.select(names), next(iter(estimates.values())), max(arc_lengths.values()))
+    truth = screened.truth
+
+    time_offset_from = registration_from = None
+    if time_offset is None:
+        offset, time_offset_from = _shared_time_offset(estimates, truth)
+    else:
+        offset = TimeOffset(float(time_offset))
+    matched = {model: trajectory.at(truth.times - offset.seconds) for model, trajectory in estimates.items()}
+    known = ~np.isnan(np.stack([m[..., 0] for m in matched.values()])) & truth.seen
+    if not known.any():
+        raise _no_overlap(estimates, truth, offset)
+
+    registration = Registration()
+    scored = np.ones(len(truth.times), dtype=bool)
+    if register != 'none':
+        when = truth.times[known.any(axis=(0, 2))]
+        split = when[0] + fit_fraction * (when[-1] - when[0])
+        scored = truth.times > split
+        registration, registration_from = _shared_registration(register, matched, truth, ~scored)
+
+    models = {
+        model: {
+            name: marker_error(
+                truth.times[scored],
+                registration.apply(positions[scored, m]),
+                truth.positions[scored, m],
+                arc_lengths[name],
+            )
+            for m, name in enumerate(names)
+        }
+        for model, positions in matched.items()
+    }
+    if not any(error.n for errors in models.values() for error in errors.values()):
+        raise EvaluationError(
+            f'nothing is left to score after the first {100 * fit_fraction:g} % of the trial, on which the '
+            f'registration was fitted. Lower the fit fraction'
+        )
+    warnings = (
+        *_offset_warnings(offset),
+        *_truth_warnings(screened),
+        *_coverage_warnings(models, truth, scored),
+    )
+    return Evaluation(models, offset, registration, time_offset_from, registration_from, screened, warnings)
+
+
+def _check(
+    estimates: Mapping[str, Trajectory],
+    arc_lengths: Mapping[str, float],
+    fit_fraction: float,
+    time_offset: float | None,
+) -> None:
+    if not estimates or not arc_lengths:
+        raise EvaluationError('nothing to evaluate: expected at least one model and one marker')
+    for name, s in arc_lengths.items():
+        if not (math.isfinite(s) and s > 0.0):
+            raise EvaluationError(f'arc length of {name} is {s} m, expected a positive number')
+    if not 0.0 < fit_fraction < 1.0:
+        raise EvaluationError(f'fit fraction {fit_fraction}, expected a number between 0 and 1')
+    if time_offset is not None and not math.isfinite(time_offset):
+        raise EvaluationError(f'time offset {time_offset} s, expected a finite number')
+
+
+def _complete(model: str, trajectory: Trajectory) -> Trajectory:
+    unseen = np.argwhere(~trajectory.seen)
+    if len(unseen):
+        i, m = unseen[0]
+        raise EvaluationError(
+            f'{model}: {len(unseen)} estimated marker positions are NaN, the first {trajectory.names[m]} '
+            f'at {trajectory.times[i]:.3f} s'
+        )
+    return trajectory
+
+
+def _shared_time_offset(estimates: Mapping[str, Trajectory], truth: Trajectory) -> tuple[TimeOffset, str]:
+    found: dict[str, TimeOffset] = {}
+    refused: list[EvaluationError] = []
+    for model, estimate in estimates.items():
+        try:
+            found[model] = find_time_offset(estimate, truth)
+        except EvaluationError as e:
+            refused.append(e)
+    if not found:
+        raise refused[0]
+    best = max(found, key=lambda model: found[model].correlation or 0.0)
+    return found[best], best
+
+
+def _shared_registration(
+    register: Kind, matched: Mapping[str, FloatArray], truth: Trajectory, fitted: np.ndarray
+) -> tuple[Registration, str]:
+    candidates: list[tuple[float, Registration, str]] = []
+    for model, positions in matched.items():
+        known = fitted[:, None] & truth.seen & ~np.isnan(positions[..., 0])
+        when = truth.times[known.any(axis=1)]
+        if not len(when):
+            continue
+        registration = fit_registration(
+            register, positions[known], truth.positions[known], (float(when[0]), float(when[-1]))
+        )
+        residual = np.linalg.norm(registration.apply(positions[known]) - truth.positions[known], axis=1)
+        candidates.append((float(np.median(residual)), registration, model))
+    _, registration, model = min(candidates, key=lambda c: c[0])
+    return registration, model
+
+
+def _no_overlap(
+    estimates: Mapping[str, Trajectory], truth: Trajectory, offset: TimeOffset
+) -> EvaluationError:
+    first = min(e.times[0] for e in estimates.values()) + offset.seconds
+    last = max(e.times[-1] for e in estimates.values()) + offset.seconds
+    return EvaluationError(
+        f'no overlap in time: with the offset of {offset.seconds:+.3f} s the estimate is from {first:.3f} to '
+        f'{last:.3f} s, the truth from {truth.times[0]:.3f} to {truth.times[-1]:.3f} s'
+    )
+
+
+def _offset_warnings(offset: TimeOffset) -> list[str]:
+    warnings = []
+    if offset.correlation is not None and offset.correlation < DOUBTFUL_CORRELATION:
+        warnings.append(
+            f'The motions agree poorly at the time offset that was found (correlation {offset.correlation:.2f}): '
+            f'check that the recordings belong together.'
+        )
+    if offset.rival is not None:
+        warnings.append(
+            f'The motion repeats itself: a time offset of {offset.rival:+.3f} s fits almost as well as '
+            f'{offset.seconds:+.3f} s.'
+        )
+    return warnings
+
+
+def _truth_warnings(screened: Screened) -> list[str]:
+    warnings = []
+    if screened.scale != 1.0:
+        warnings.append('The truth is in millimetres; it was converted to metres.')
+    exchanged = {name: n for name, n in screened.exchanged.items() if n}
+    if exchanged:
+        warnings.append(
+            'Markers had changed places in the truth; left out: '
+            + ', '.join(f'{n} samples of {name}' for name, n in exchanged.items())
+            + '.'
+        )
+    jumped = {name: n for name, n in screened.jumped.items() if n}
+    if jumped:
+        warnings.append(
+            'Markers jumped in the truth; left out: '
+            + ', '.join(f'{n} samples of {name}' for name, n in jumped.items())
+            + '.'
+        )
+    return warnings
+
+
+def _coverage_warnings(
+    models: Mapping[str, Mapping[str, MarkerError]], truth: Trajectory, scored: np.ndarray
+) -> list[str]:
+    """Say where the truth did not see a marker, and where the estimate has gaps between its first and last sample."""
+    warnings = []
+    for m, name in enumerate(truth.names):
+        unseen = int((~truth.seen[scored, m]).sum())
+        if unseen:
+            warnings.append(
+                f'{name} was not seen (or left out) in {unseen} of {scored.sum()} samples of the truth.'
+            )
+        seen_at = truth.times[scored & truth.seen[:, m]]
+        for model, errors in models.items():
+            at = errors[name].times
+            if not len(at):
+                warnings.append(f'{model} has nothing to score at {name}.')
+                continue
+            missing = int(((seen_at >= at[0]) & (seen_at <= at[-1])).sum()) - len(at)
+            if missing:
+                warnings.append(
+                    f'{model} has gaps: no estimate of {name} for {missing} of {len(seen_at)} samples.'
+                )
+    return warnings

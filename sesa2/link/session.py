@@ -1,0 +1,405 @@
+"""A link that is kept up: connect, give the chips their offsets, stream, check, and all of it again after every fault.
+
+connect → HELLO → WRITE_OFFSETS to each chip → CONFIGURE → STREAM → READ_OFFSETS of each chip and compare → read on.
+A silent board is asked by HELLO: if it was reset, it knows nothing and is set up again; if nobody answers, the port
+is opened again, as often as it takes. A chip that comes back gets its offsets from the board; they are then read and
+compared.
+"""
+
+import threading
+import time
+from collections.abc import Callable, Mapping
+from concurrent.futures import Future
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from queue import Empty, SimpleQueue
+from typing import Any, TypeVar
+
+from sesa2.imu.offsets import Offsets
+from sesa2.link.board import Board
+from sesa2.link.clock import BoardClock, WallClock
+from sesa2.link.commands import Configuration, FusionMode, Hello, Stats, Stream
+from sesa2.link.errors import CommandError, LinkError, ProtocolVersionError
+from sesa2.link.framing import FrameDecoder
+from sesa2.link.packets import Acceleration, Data, State, mask_of
+from sesa2.link.port import SerialPort
+from sesa2.link.status import Counters, Event, Handler, ImuStatus, Level, OffsetsState
+
+_TURN_S = 0.05
+_RECONNECT_S = 0.2
+_STATS_PERIOD_S = 1.0
+_SILENCE_S = 0.25
+_SILENT_SWEEPS = 10
+
+T = TypeVar('T')
+
+
+@dataclass(frozen=True)
+class LinkSettings:
+    """What a session asks of port and board."""
+
+    port: str
+    ids: tuple[int, ...]
+    baud: int = 500_000
+    rate_hz: int = 100
+    fusion: FusionMode = FusionMode.NDOF
+    acceleration: bool = False
+    i2c_100khz: bool = False
+
+
+class Session:
+    """Keeps the link to a board. `run` belongs to one thread; all else may be called from any.
+
+    Parameters
+    ----------
+    settings
+        Port, IMUs and mode.
+    handler
+        Whom to tell what comes in.
+    saved
+        Offsets by IMU id, looked up at every connect and comeback.
+
+    Attributes
+    ----------
+    hello, stats
+        The board's latest answers, for diagnostics; None before the first.
+    connected
+        Whether the board streams, as far as is known.
+    """
+
+    def __init__(self, settings: LinkSettings, handler: Handler, saved: Mapping[int, Offsets]) -> None:
+        self.settings = settings
+        self.hello: Hello | None = None
+        self.stats: Stats | None = None
+        self.connected = False
+        self._handler = handler
+        self._saved = saved
+        self._board: Board | None = None
+        self._decoder = FrameDecoder()
+        self._clock = BoardClock()
+        self._wall = WallClock()
+        self._counters = Counters()
+        self._jobs: SimpleQueue[tuple[Callable[[Board], Any], Future[Any]]] = SimpleQueue()
+        self._stopping = threading.Event()
+        self._offsets = dict.fromkeys(settings.ids, OffsetsState.NONE_SAVED)
+        self._trouble = ''
+        self._hello_s = 0.0
+        self._streaming = False
+        self._patience_s = max(_SILENCE_S, _SILENT_SWEEPS / settings.rate_hz)
+        self._silent_since_s = 0.0
+        self._stamped_seq: int | None = None
+        self._stamp_ns = 0
+        self._data: Data | None = None
+        self._data_s: float | None = None
+        self._data_seq: int | None = None
+        self._health = b''
+        self._stats_due_s = 0.0
+        self._comebacks_known: tuple[int, ...] = (0,) * 8
+        self._absent: set[int] = set()
+        self._returned: set[int] = set()
+
+    # Any thread
+
+    def submit(self, job: Callable[[Board], T]) -> 'Future[T]':
+        """Have the session's thread run commands, as ``session.submit(lambda board: board.read_offsets(3))``.
+
+        The future raises a CommandError if the board refuses, and a LinkError if it cannot be reached.
+        """
+        future: Future[T] = Future()
+        self._jobs.put((job, future))
+        if self._stopping.is_set():
+            self._refuse_jobs('the link is closed')
+        return future
+
+    def counters(self) -> Counters:
+        """A copy of what was counted so far."""
+        board = self._board
+        return replace(
+            self._counters,
+            frame_errors=self._decoder.errors,
+            malformed=self._counters.malformed + (board.malformed if board else 0),
+            retries=self._counters.retries + (board.retries if board else 0),
+            clock_jumps=self._clock.jumps,
+        )
+
+    def imus(self) -> dict[int, ImuStatus]:
+        """How each IMU was in the latest sweep; empty before the first."""
+        data = self._data
+        if data is None:
+            return {}
+        rows = zip(data.sweep.ids, data.states, data.errors, data.scores, strict=True)
+        return {i: ImuStatus(state, errors, scores, self._offsets[i]) for i, state, errors, scores in rows}
+
+    def stop(self) -> None:
+        """Make `run` return soon, also while it waits for a board."""
+        self._stopping.set()
+        if board := self._board:
+            board.port.cancel()
+
+    # The session's thread
+
+    def connect(self) -> None:
+        """Open the port and set the board up. Call it before `run` to have the first failure raised.
+
+        Raises
+        ------
+        LinkError
+            If the port cannot be opened, or the board does not answer or refuses.
+        ProtocolVersionError
+            If the board speaks another protocol version.
+        """
+        port = SerialPort(self.settings.port, self.settings.baud)
+        self._decoder.resynchronise()
+        self._board = Board(port, self._on_packet, self._decoder)
+        if self._stopping.is_set():
+            port.cancel()
+        try:
+            self._greet(self._board)
+            self._set_up(self._board)
+        except BaseException:
+            self._disconnect()
+            raise
+
+    def run(self) -> None:
+        """Keep the link up until `stop`.
+
+        Raises
+        ------
+        ProtocolVersionError
+            If a board of another protocol version was plugged in.
+        """
+        try:
+            while not self._stopping.is_set():
+                try:
+                    if self._board is None:
+                        again = self.hello is not None
+                        self.connect()
+                        self._counters.reconnects += again
+                    else:
+                        self._turn(self._board)
+                except ProtocolVersionError:
+                    raise
+                except LinkError as error:
+                    self._give_up(error)
+        finally:
+            self._stopping.set()
+            if self._board:
+                with suppress(LinkError):
+                    self._board.hush()
+            self._disconnect()
+            self._refuse_jobs('the link is closed')
+
+    def _give_up(self, error: LinkError) -> None:
+        """Close the port and wait a little; say why, but not again and again."""
+        self._disconnect()
+        if str(error) != self._trouble and not self._stopping.is_set():
+            self._trouble = str(error)
+            self._tell(Level.ERROR, f'{error}; trying again')
+        self._refuse_jobs(str(error))
+        self._stopping.wait(_RECONNECT_S)
+
+    def _disconnect(self) -> None:
+        self.connected = self._streaming = False
+        if board := self._board:
+            self._board = None
+            self._counters.malformed += board.malformed
+            self._counters.retries += board.retries
+            board.port.close()
+
+    def _turn(self, board: Board) -> None:
+        board.poll(_TURN_S)
+        self._do_jobs(board)
+        now_s = time.monotonic()
+        if now_s >= self._stats_due_s:
+            self._look_after(board)
+            self._stats_due_s = now_s + _STATS_PERIOD_S
+        if time.monotonic() - self._silent_since_s > self._patience_s:
+            self._revive(board)
+
+    def _greet(self, board: Board) -> bool:
+        """Say HELLO; whether the board was reset since the last time."""
+        errors_before = self._decoder.errors
+        hello = board.hello()
+        stray = self._decoder.errors.total - errors_before.total
+        self._decoder.errors = errors_before
+        self._counters.stray_frames += stray
+        now_s = time.monotonic()
+        reset = False
+        if self.hello:
+            # By the time that has passed: a young board may be older than its predecessor was at its first HELLO.
+            passed_s = now_s - self._hello_s
+            missing_ms = self.hello.uptime_ms + 1000 * passed_s - hello.uptime_ms
+            reset = 500 + 10 * passed_s < missing_ms < 1 << 31
+            self._counters.board_resets += reset
+        self.hello, self._hello_s = hello, now_s
+        return reset
+
+    def _set_up(self, board: Board) -> None:
+        """Everything that a board which knows nothing has to be told."""
+        settings = self.settings
+        self._streaming = False
+        written = [imu_id for imu_id in settings.ids if self._write(board, imu_id)]
+        mask = mask_of(settings.ids)
+        board.configure(Configuration(mask, settings.rate_hz, settings.fusion, settings.i2c_100khz))
+        self._clock.restart()
+        self._stamped_seq = self._data_seq = None
+        self._health = b''
+        self._absent.clear()
+        self._returned.clear()
+        self._streaming = True
+        board.stream(Stream.QUATERNIONS | (Stream.ACCELERATION if settings.acceleration else 0))
+        self._silent_since_s = time.monotonic()
+        self.stats = board.stats()
+        self._comebacks_known = self.stats.comebacks
+        self._stats_due_s = time.monotonic() + _STATS_PERIOD_S
+        self.connected = True
+        self._trouble = ''
+        assert self.hello is not None
+        firmware = f'{self.hello.firmware_major}.{self.hello.firmware_minor}'
+        self._tell(Level.INFO, f'{settings.port}: board with firmware {firmware} streams')
+        if self._data and not settings.fusion.uses_magnetometer:
+            self._tell(
+                Level.WARN, 'the chips start with new headings, since mode IMU has no north: align again'
+            )
+        for imu_id in written:
+            self._compare(board, imu_id)
+
+    def _write(self, board: Board, imu_id: int) -> bool:
+        """Write the saved offsets to a chip; whether it has them now."""
+        offsets = self._saved.get(imu_id)
+        self._offsets[imu_id] = OffsetsState.NOT_CHECKED if offsets else OffsetsState.NONE_SAVED
+        if offsets is None:
+            return False
+        try:
+            present = board.write_offsets(imu_id, offsets)
+        except CommandError as error:
+            self._tell(Level.ERROR, str(error))
+            return False
+        if not present:
+            self._tell(Level.WARN, f'IMU {imu_id} is absent; the board keeps its offsets until it comes back')
+        return present
+
+    def _compare(self, board: Board, imu_id: int) -> None:
+        """Read a chip's offsets and compare them with the saved ones."""
+        saved = self._saved.get(imu_id)
+        if saved is None:
+            return
+        try:
+            actual = board.read_offsets(imu_id)
+        except CommandError as error:
+            self._offsets[imu_id] = OffsetsState.NOT_CHECKED
+            self._tell(Level.WARN, f'offsets not checked: {error}')
+            return
+        finally:
+            self._absent.discard(imu_id)
+        if actual == saved:
+            self._offsets[imu_id] = OffsetsState.AS_SAVED
+        else:
+            self._offsets[imu_id] = OffsetsState.DIFFERENT
+            self._counters.offset_differences += 1
+            self._tell(
+                Level.WARN, f'IMU {imu_id} works with other offsets than saved: {actual}, saved {saved}'
+            )
+        self._handler.on_offsets(imu_id, actual)
+
+    def _look_after(self, board: Board) -> None:
+        """Once a second, or as soon as a chip ran again: counters, the wall clock, chips that came back."""
+        if self._wall.look():
+            self._tell(Level.WARN, 'the wall clock was stepped; stamps follow it')
+        self.stats = board.stats()
+        counts = zip(self.stats.comebacks, self._comebacks_known, strict=True)
+        # A chip that lost its power for less than a sweep is seen in this counter alone.
+        more = {k + 1 for k, (now, known) in enumerate(counts) if now > known}
+        self._comebacks_known = self.stats.comebacks
+        returned = (self._returned | more) & set(self.settings.ids)
+        self._returned = set()
+        for imu_id in sorted(returned):
+            self._counters.comebacks += 1
+            self._compare(board, imu_id)
+            if self.settings.fusion.uses_magnetometer:
+                self._tell(Level.INFO, f'IMU {imu_id} is back; offsets: {self._offsets[imu_id].value}')
+            else:
+                self._tell(
+                    Level.WARN,
+                    f'IMU {imu_id} is back with a new heading, since mode IMU has no north: align again',
+                )
+
+    def _revive(self, board: Board) -> None:
+        self.connected = False
+        if self._greet(board):
+            self._tell(Level.WARN, 'the board was reset; it is set up again')
+        else:
+            self._counters.stalls += 1
+            self._tell(Level.WARN, 'the board answers, but does not stream; it is set up again')
+        self._set_up(board)
+
+    def _do_jobs(self, board: Board) -> None:
+        for job, future in self._waiting_jobs():
+            try:
+                future.set_result(job(board))
+            except Exception as error:
+                future.set_exception(error)
+                if isinstance(error, LinkError) and not isinstance(error, CommandError):
+                    raise
+
+    def _refuse_jobs(self, why: str) -> None:
+        for _, future in self._waiting_jobs():
+            future.set_exception(LinkError(why))
+
+    def _waiting_jobs(self) -> list[tuple[Callable[[Board], Any], 'Future[Any]']]:
+        jobs = []
+        with suppress(Empty):
+            while True:
+                job, future = self._jobs.get_nowait()
+                if future.set_running_or_notify_cancel():
+                    jobs.append((job, future))
+        return jobs
+
+    def _on_packet(self, packet: Data | Acceleration, arrival_ns: int) -> None:
+        sweep = packet.sweep
+        if not self._streaming or sweep.mask != mask_of(self.settings.ids):
+            self._counters.stray_packets += 1
+            return
+        if sweep.seq != self._stamped_seq:  # the packets of a sweep share their stamp
+            line_ns = 10 * _line_bytes(packet) * 1_000_000_000 // self.settings.baud
+            self._stamp_ns = self._clock.stamp(sweep.t_us, arrival_ns - 1000 * sweep.scan_us - line_ns)
+            self._stamped_seq = sweep.seq
+        start_ns = self._wall.of(self._stamp_ns)
+        stamps_ns = [start_ns + read_ns for read_ns in sweep.read_ns()]
+        if isinstance(packet, Acceleration):
+            self._handler.on_acceleration(packet, stamps_ns)
+            return
+        self._count(packet)
+        self._handler.on_data(packet, stamps_ns)
+
+    def _count(self, data: Data) -> None:
+        now_s = time.monotonic()
+        if self._data_s is not None and now_s - self._data_s > self._patience_s:
+            self._counters.silent_s += now_s - self._data_s
+        self._data_s = self._silent_since_s = now_s
+        self._counters.sweeps += 1
+        if self._data_seq is not None:
+            self._counters.lost_sweeps += (data.sweep.seq - self._data_seq - 1) % (1 << 16)
+        self._data, self._data_seq = data, data.sweep.seq
+        if data.health != self._health:
+            self._health = data.health
+            self._watch(data)
+
+    def _watch(self, data: Data) -> None:
+        """Tell of chips that went, and have those looked after that run again."""
+        for imu_id, state in zip(data.sweep.ids, data.states, strict=True):
+            if state is State.ABSENT and imu_id not in self._absent:
+                self._absent.add(imu_id)
+                self._tell(Level.WARN, f'IMU {imu_id} does not answer')
+            elif state is State.RUN and imu_id in self._absent:
+                self._absent.remove(imu_id)
+                self._returned.add(imu_id)
+                self._stats_due_s = 0.0
+
+    def _tell(self, level: Level, message: str) -> None:
+        self._handler.on_event(Event(level, message))
+
+
+def _line_bytes(packet: Data | Acceleration) -> int:
+    """Bytes of the packet's frame: head, entries, CRC, COBS code and delimiter."""
+    return 11 + len(packet.sweep.ids) * (10 if isinstance(packet, Data) else 6) + 2 + 1 + 1

@@ -1,0 +1,75 @@
+"""sensor_msgs/Imu as bytes."""
+
+import struct
+from typing import NamedTuple
+
+import numpy as np
+
+from sesa2.errors import Sesa2Error
+from sesa2.messages.cdr import NS, Layout
+
+TYPE = 'sensor_msgs/msg/Imu'
+
+
+class ImuSample(NamedTuple):
+    """Stamp, ns, and orientation q_WS of a message."""
+
+    stamp_ns: int
+    x: float
+    y: float
+    z: float
+    w: float
+
+
+def read_imu(data: bytes) -> ImuSample:
+    """Read stamp and orientation.
+
+    Parameters
+    ----------
+    data
+        the serialised message, either byte order.
+
+    Raises
+    ------
+    Sesa2Error
+        it is too short to be one.
+    """
+    try:
+        order = '<' if data[1] & 1 else '>'
+        seconds, nanoseconds, length = struct.unpack_from(f'{order}iII', data, 4)
+        at = 4 + (12 + length + 7) // 8 * 8
+        return ImuSample(seconds * NS + nanoseconds, *struct.unpack_from(f'{order}4d', data, at))
+    except (IndexError, struct.error):
+        raise Sesa2Error(f'a {TYPE} message of {len(data)} bytes, expected at least 316') from None
+
+
+class ImuMessages:
+    """Makes the messages of one IMU, as REP-145 wants them: covariance unknown, absent fields −1 first."""
+
+    # orientation (4), covariance (9), angular velocity (3), covariance (9), linear acceleration (3), covariance (9)
+    _N = 37
+    _NO_ANGULAR_VELOCITY, _ACCELERATION, _NO_ACCELERATION = 16, slice(25, 28), 28
+
+    def __init__(self, frame_id: str):
+        self._template = Layout().header(frame_id).doubles(self._N).template()
+
+    def make(self, stamp_ns: int, orientation: np.ndarray, acceleration: np.ndarray | None = None) -> bytes:
+        """One message.
+
+        Parameters
+        ----------
+        stamp_ns
+            time of the measurement, ns.
+        orientation : (4,)
+            q_WS, x y z w.
+        acceleration : (3,), optional
+            with gravity, in the sensor's axes, m/s².
+        """
+        values = np.zeros((1, self._N))
+        values[0, :4] = orientation
+        values[0, self._NO_ANGULAR_VELOCITY] = -1.0
+        if acceleration is None:
+            values[0, self._NO_ACCELERATION] = -1.0
+        else:
+            values[0, self._ACCELERATION] = acceleration
+        return self._template.make(np.array([stamp_ns]), values)[0].tobytes()

@@ -1,0 +1,138 @@
+"""What the estimator publishes for each model, as bytes: the same for the live node and for a replay."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from sesa2.configuration import Configuration
+from sesa2.estimation.estimator import Estimate, Estimator
+from sesa2.messages.cdr import Layout, Template
+from sesa2.shape.rotations import FloatArray
+
+TYPES = {
+    'joint_states': 'sensor_msgs/msg/JointState',
+    'markers': 'geometry_msgs/msg/PoseArray',
+    'tip': 'geometry_msgs/msg/PoseStamped',
+    'shape': 'nav_msgs/msg/Path',
+    'marker_array': 'visualization_msgs/msg/MarkerArray',
+}
+
+
+class Topic(NamedTuple):
+    """A topic of the estimator."""
+
+    name: str
+    type: str
+
+
+def joint_names(model: str, n_links: int) -> list[str]:
+    """Names of a model's joints: link by link from the base, x, z, y each."""
+    return [f'{link}_{axis}' for link in link_names(model, n_links) for axis in 'xzy']
+
+
+def link_names(model: str, n_links: int) -> list[str]:
+    """Names of a model's links, base to tip, counted from 1."""
+    return [f'{model}_{i:03d}' for i in range(1, n_links + 1)]
+
+
+class ResultMessages:
+    """Makes the messages of every model.
+
+    Parameters
+    ----------
+    configuration
+        of the estimator.
+    estimator
+        the estimator.
+    """
+
+    def __init__(self, configuration: Configuration, estimator: Estimator):
+        self._templates: dict[Topic, Template] = {}
+        frame, markers = configuration.frame_id, len(configuration.markers.names)
+        for name, model in estimator.models.items():
+            n = model.n_links
+            layouts = {
+                'joint_states': Layout()
+                .header('')
+                .strings(joint_names(name, n))
+                .uint32(3 * n)
+                .doubles(3 * n)
+                .uint32(0)
+                .uint32(0),
+                'markers': Layout().header(frame).uint32(markers).doubles(7 * markers),
+                'tip': Layout().header(frame).doubles(7),
+                'shape': _path(frame, n + 1),
+                'marker_array': _marker_array(frame, name, n + 1, configuration),
+            }
+            for kind, layout in layouts.items():
+                self._templates[Topic(f'{name}/{kind}', TYPES[kind])] = layout.template()
+
+    @property
+    def topics(self) -> list[Topic]:
+        """Every topic, models in the order of the configuration."""
+        return list(self._templates)
+
+    def make(self, topic: Topic, estimate: Estimate) -> np.ndarray:
+        """Messages of one topic.
+
+        Returns
+        -------
+        (n_sweeps, size), uint8: a message a row.
+        """
+        model, _, kind = topic.name.partition('/')
+        return self._templates[topic].make(estimate.stamps_ns, _NUMBERS[kind](estimate.models[model]))
+
+
+def _path(frame: str, n: int) -> Layout:
+    layout = Layout().header(frame).uint32(n)
+    for _ in range(n):
+        layout.header(frame).doubles(7)
+    return layout
+
+
+# RViz knows a colour for each model, so that several can be told apart.
+_COLOURS = {
+    'rigid': (0.12, 0.47, 0.71),
+    'pcc': (1.0, 0.5, 0.05),
+    'pcc_exact': (0.17, 0.63, 0.17),
+    'spline': (0.84, 0.15, 0.16),
+}
+_GREY = (0.5, 0.5, 0.5)
+_GREEN = (0.1, 0.8, 0.1)
+_LINE_STRIP, _SPHERE_LIST = 4, 7
+
+
+def _marker_array(frame: str, model: str, n_ends: int, configuration: Configuration) -> Layout:
+    """The backbone as a line as thick as the arm, the markers as spheres."""
+    diameter = 2.0 * configuration.arm.radius
+    layout = Layout().uint32(2)
+    for number, (kind, points, scale, colour) in enumerate(
+        [
+            (_LINE_STRIP, n_ends, diameter, _COLOURS.get(model, _GREY)),
+            (_SPHERE_LIST, len(configuration.markers.names), 1.3 * diameter, _GREEN),
+        ]
+    ):
+        layout.header(frame).string(model).uint32(number).uint32(kind).uint32(0)  # namespace, id, type, add
+        layout.constants(0, 0, 0, 0, 0, 0, 1)  # pose
+        layout.constants(scale, scale, scale).float32(*colour, 1.0)
+        layout.uint32(0).uint32(0).uint8(0)  # lifetime: for ever; not frame-locked
+        layout.uint32(points).doubles(3 * points)
+        layout.uint32(0).string('')  # colours of the points, texture
+        layout.uint32(0).uint32(0).string('').string('').uint32(0).uint32(
+            0
+        )  # texture image and its coordinates
+        layout.string('').string('').string('').uint32(0).uint8(0)  # text, mesh
+    return layout
+
+
+def _flat(*parts: FloatArray) -> FloatArray:
+    return np.concatenate(parts, axis=-1).reshape(len(parts[0]), -1)
+
+
+_NUMBERS = {
+    'joint_states': lambda r: _flat(r.joints),
+    'markers': lambda r: _flat(r.markers, r.marker_orientations),
+    'tip': lambda r: _flat(r.ends[:, -1], r.end_orientations[:, -1]),
+    'shape': lambda r: _flat(r.ends, r.end_orientations),
+    'marker_array': lambda r: np.concatenate([_flat(r.ends), _flat(r.markers)], axis=-1),
+}

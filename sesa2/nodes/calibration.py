@@ -1,0 +1,119 @@
+"""The calibration node: keeps the chips' offsets in a YAML file, and says what to do next."""
+
+import functools
+from pathlib import Path
+from typing import Any
+
+import rclpy.node
+from sesa2_msgs.msg import ImuCalibration
+from std_srvs.srv import Trigger
+
+from sesa2.configuration import ConfigurationError, Mistake
+from sesa2.errors import Sesa2Error
+from sesa2.imu.offsets import Offsets, save_offsets
+from sesa2.imu.scores import Scores
+from sesa2.nodes.diagnostics import OK, WARN, Diagnostics
+from sesa2.nodes.parameters import declare_configuration
+from sesa2.nodes.qos import LATCHED
+from sesa2.nodes.runtime import run_alone
+
+
+class CalibrationNode(rclpy.node.Node):
+    """Saves an IMU's offsets the moment its scores are complete, and those of all when asked.
+
+    Attributes
+    ----------
+    saved
+        ids whose offsets were saved since the start.
+    steps
+        for each IMU heard, what to do next.
+    """
+
+    def __init__(self, **options: Any):
+        super().__init__('calibration', automatically_declare_parameters_from_overrides=True, **options)
+        self.configuration = declare_configuration(self)
+        if not self.configuration.calibration.file:
+            raise ConfigurationError(
+                [Mistake('calibration.file', 'is empty, expected the file to keep offsets in')], 'calibration'
+            )
+        self._file = Path(self.configuration.calibration.file)
+        self._fusion = self.configuration.serial.fusion
+        imus = self.configuration.imus
+        self._ids = [*imus.ids, imus.base_id] if imus.base_id else list(imus.ids)
+        self.saved: dict[int, Offsets] = {}
+        self.steps: dict[int, str] = {}
+        self._offsets: dict[int, Offsets] = {}
+        self._failure = ''
+        self._subscriptions_of_imus = [
+            self.create_subscription(
+                ImuCalibration, f'imu_{i}/calibration', functools.partial(self._take, i), LATCHED
+            )
+            for i in self._ids
+        ]
+        self._service = self.create_service(Trigger, '~/save', self._save_all)
+        self._diagnostics = Diagnostics(self, 'calibration file', self._report)
+
+    def _take(self, imu: int, message: ImuCalibration) -> None:
+        scores = Scores(message.sys, message.gyro, message.accel, message.mag)
+        step = scores.next_step(self._fusion)
+        if self.steps.get(imu) != step:
+            self.steps[imu] = step
+            self.get_logger().info(f'IMU {imu}: {step}')
+        if not message.offsets_valid:
+            return
+        self._offsets[imu] = Offsets(
+            *(
+                tuple(int(v) for v in o)
+                for o in (message.accel_offset, message.mag_offset, message.gyro_offset)
+            ),
+            message.accel_radius,
+            message.mag_radius,
+        )
+        if scores.complete(self._fusion) and self.saved.get(imu) != self._offsets[imu]:
+            try:
+                self._save(imu)
+            except Sesa2Error as error:
+                self._failure = str(error)
+                self.get_logger().error(self._failure)
+
+    def _save(self, imu: int) -> None:
+        save_offsets(self._file, imu, self._offsets[imu])
+        self.saved[imu] = self._offsets[imu]
+        self._failure = ''
+        self.get_logger().info(f'IMU {imu}: offsets saved in {self._file}')
+
+    def _save_all(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        """`~/save`: what was last read from the chips, complete or not."""
+        del request
+        response.success = bool(self._offsets)
+        if not self._offsets:
+            response.message = 'no offsets have been read yet; call serial_bridge/read_offsets first'
+            return response
+        try:
+            for imu in self._offsets:
+                self._save(imu)
+        except Sesa2Error as error:
+            response.success, response.message = False, str(error)
+            return response
+        unknown = [i for i in self._ids if i not in self._offsets]
+        response.message = f'saved IMUs {", ".join(map(str, sorted(self._offsets)))} in {self._file}'
+        if unknown:
+            response.message += f'; not read yet: {", ".join(map(str, unknown))}'
+        return response
+
+    def _report(self) -> list[tuple[str, bytes, str, dict[str, Any]]]:
+        parts: list[tuple[str, bytes, str, dict[str, Any]]] = []
+        for imu in self._ids:
+            saved = 'saved' if imu in self.saved else 'not saved'
+            step = self.steps.get(imu, 'nothing heard')
+            parts.append(
+                (f'imu_{imu}', OK if imu in self.saved else WARN, f'{step}; {saved}', {'saved': saved})
+            )
+        if self._failure:
+            parts.append((str(self._file), WARN, self._failure, {}))
+        return parts
+
+
+def main() -> int:
+    """`ros2 run sesa2 calibration`."""
+    return run_alone(CalibrationNode)

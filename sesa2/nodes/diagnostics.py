@@ -1,0 +1,49 @@
+"""/diagnostics, once a second (REP-107)."""
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.node import Node
+
+OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
+
+
+class Diagnostics:
+    """Publishes what a node says about its parts.
+
+    Parameters
+    ----------
+    node
+        the node.
+    hardware_id
+        what the parts belong to.
+    report
+        called once a second; gives for each part its name, level, message and values.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        hardware_id: str,
+        report: Callable[[], list[tuple[str, bytes, str, Mapping[str, Any]]]],
+    ):
+        self._node, self._hardware_id, self._report = node, hardware_id, report
+        self._publisher = node.create_publisher(DiagnosticArray, '/diagnostics', 10)
+        self._timer = node.create_timer(1.0, self.publish)
+
+    def publish(self) -> None:
+        """Publish now."""
+        message = DiagnosticArray()
+        message.header.stamp = self._node.get_clock().now().to_msg()
+        message.status = [
+            DiagnosticStatus(
+                name=f'{self._node.get_name()}: {part}',
+                level=level,
+                message=text,
+                hardware_id=self._hardware_id,
+                values=[KeyValue(key=str(k), value=str(v)) for k, v in values.items()],
+            )
+            for part, level, text, values in self._report()
+        ]
+        self._publisher.publish(message)

@@ -1,0 +1,156 @@
+"""The estimator: orientations of the IMUs in; joint states, markers, tip and backbone of every model out."""
+
+import time
+from collections import Counter
+from collections.abc import Callable
+from typing import Any
+
+import rclpy.node
+from geometry_msgs.msg import PoseArray, PoseStamped
+from nav_msgs.msg import Path
+from sensor_msgs.msg import Imu, JointState
+from std_msgs.msg import String
+from visualization_msgs.msg import MarkerArray
+
+from sesa2.configuration import files
+from sesa2.errors import Sesa2Error
+from sesa2.estimation.estimator import Estimate, Estimator
+from sesa2.estimation.sweeps import Sweep
+from sesa2.messages.imu import read_imu
+from sesa2.messages.results import ResultMessages
+from sesa2.nodes.diagnostics import ERROR, OK, WARN, Diagnostics
+from sesa2.nodes.parameters import declare_configuration
+from sesa2.nodes.qos import ANY_STREAM, LATCHED, STREAM
+from sesa2.nodes.runtime import run_alone
+
+_CLASSES = {
+    'joint_states': JointState,
+    'markers': PoseArray,
+    'tip': PoseStamped,
+    'shape': Path,
+    'marker_array': MarkerArray,
+}
+
+
+class EstimatorNode(rclpy.node.Node):
+    """Publishes one result per sweep and model, stamped with the measurement's time.
+
+    Attributes
+    ----------
+    latest
+        the newest estimate, of one sweep.
+    n_sweeps
+        number of sweeps estimated.
+    received
+        number of messages of each IMU.
+    """
+
+    def __init__(self, **options: Any):
+        super().__init__('estimator', automatically_declare_parameters_from_overrides=True, **options)
+        self.configuration = declare_configuration(self)
+        self._estimator = Estimator(self.configuration)
+        self.assembler = self._estimator.assembler()
+        self.latest: Estimate | None = None
+        self.n_sweeps = 0
+        self._messages = ResultMessages(self.configuration, self._estimator)
+        self._topics = [
+            (topic, self.create_publisher(_CLASSES[topic.name.rpartition('/')[2]], topic.name, STREAM))
+            for topic in self._messages.topics
+        ]
+        self._configuration_publisher = self.create_publisher(String, 'configuration', LATCHED)
+        self._configuration_publisher.publish(String(data=files.dump(self.configuration)))
+
+        imus = self.configuration.imus
+        self._ids = [*imus.ids, imus.base_id] if imus.base_id else list(imus.ids)
+        self._used = [*imus.enabled, True] if imus.base_id else list(imus.enabled)
+        # Our own bridge and player are reliable; with other people's drivers anything that can be heard will do.
+        qos = ANY_STREAM if self.configuration.run.source == 'external' else STREAM
+        self._subscriptions_of_imus = [
+            self.create_subscription(Imu, f'imu_{i}/data', self._take(index), qos, raw=True)
+            for index, i in enumerate(self._ids)
+            if self._used[index]
+        ]
+        self.received = Counter[int]()
+        self._unreadable = 0
+        self._near_singular = Counter[str]()
+        self._last_report = (time.monotonic(), Counter[int](), 0)
+        self._last_arrival = time.monotonic()
+        self._watchdog = self.create_timer(self.configuration.sweep_timeout, self._close_overdue)
+        self._diagnostics = Diagnostics(self, 'arm', self._report)
+
+    def _take(self, index: int) -> Callable[[bytes], None]:
+        add, imu = self.assembler.add, self._ids[index]
+
+        def take(data: bytes) -> None:
+            self.received[imu] += 1
+            self._last_arrival = time.monotonic()
+            try:
+                sample = read_imu(data)
+            except Sesa2Error:
+                self._unreadable += 1
+                return
+            for sweep in add(index, *sample):
+                self._publish(sweep)
+
+        return take
+
+    def _close_overdue(self) -> None:
+        """When all IMUs fall silent no sample comes that would show the timeout; the clock has to."""
+        if time.monotonic() - self._last_arrival > self.configuration.sweep_timeout:
+            for sweep in self.assembler.flush():
+                self._publish(sweep)
+
+    def _publish(self, sweep: Sweep) -> None:
+        estimate = self._estimator.estimate([sweep])
+        for topic, publisher in self._topics:
+            if topic.name.endswith('/marker_array') and not publisher.get_subscription_count():
+                continue
+            publisher.publish(self._messages.make(topic, estimate)[0].tobytes())
+        self.latest = estimate
+        self.n_sweeps += 1
+        for name, result in estimate.models.items():
+            self._near_singular[name] += result.near_singular
+
+    def _report(self) -> list[tuple[str, bytes, str, dict[str, Any]]]:
+        now, before = time.monotonic(), self._last_report
+        elapsed = now - before[0]
+        alive = self.assembler.alive
+        parts: list[tuple[str, bytes, str, dict[str, Any]]] = []
+        for index, imu in enumerate(self._ids):
+            if not self._used[index]:
+                parts.append((f'imu_{imu}', OK, 'not enabled; interpolated from its neighbours', {}))
+                continue
+            rate = (self.received[imu] - before[1][imu]) / elapsed
+            publishers = self.count_publishers(f'imu_{imu}/data')
+            level, text = OK, f'{rate:.1f} Hz'
+            if publishers > 1:
+                level, text = (
+                    ERROR,
+                    f'{publishers} publishers on one topic, expected 1: their samples are mixed',
+                )
+            elif rate == 0.0 or not alive[index]:
+                level, text = WARN, 'nothing measured; interpolated from its neighbours'
+            parts.append((f'imu_{imu}', level, text, {'rate_hz': f'{rate:.1f}', 'publishers': publishers}))
+        sweeps = (self.n_sweeps - before[2]) / elapsed
+        dropped = {f'dropped: {reason}': n for reason, n in self.assembler.dropped.items()}
+        counts = {
+            'sweeps': self.n_sweeps,
+            'resets': self.assembler.resets,
+            'unreadable': self._unreadable,
+            **dropped,
+        }
+        parts.append(
+            ('sweeps', OK if sweeps else ERROR, f'{sweeps:.1f} Hz' if sweeps else 'no IMU is alive', counts)
+        )
+        for name, n in self._near_singular.items():
+            if n:
+                text = f'{n} sweeps with a joint beyond 80° about z: joint angles are near their singularity'
+                parts.append((name, WARN, text, {'near_singular': n}))
+        self._near_singular.clear()
+        self._last_report = (now, Counter(self.received), self.n_sweeps)
+        return parts
+
+
+def main() -> int:
+    """`ros2 run sesa2 estimator`."""
+    return run_alone(EstimatorNode)

@@ -1,0 +1,72 @@
+"""The configuration as ROS parameters: read, validated as a whole, and shown described and ranged."""
+
+from typing import Any
+
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+from sesa2.configuration import Configuration, validate
+from sesa2.configuration.records import leaves
+
+# What rclpy declares on its own account.
+_OF_ROS = ('use_sim_time', 'start_type_description_service', 'qos_overrides')
+
+
+def overrides(configuration: Configuration) -> list[Parameter]:
+    """The configuration as parameter overrides of a node in this process."""
+    # An empty list has no type that ROS could keep; the node fills it in again.
+    return [Parameter(path, value=_plain(v)) for path, v in configuration.flat().items() if v != ()]
+
+
+def declare_configuration(node: Node) -> Configuration:
+    """Read the node's parameters as one configuration, and declare them all.
+
+    The node must have been made with `automatically_declare_parameters_from_overrides`, so that keys which nobody knows
+    are seen and refused instead of vanishing.
+
+    Raises
+    ------
+    ConfigurationError
+        with every mistake.
+    """
+    values: dict[str, Any] = {}
+    for name, parameter in node.get_parameters_by_prefix('').items():
+        if name.split('.')[0] not in _OF_ROS:
+            section, _, key = name.rpartition('.')
+            (values.setdefault(section, {}) if section else values)[key] = _value(parameter)
+    configuration = validate(values, f'parameters of {node.get_name()}')
+    flat = configuration.flat()
+    for path, kind, item in leaves():
+        descriptor = _describe(kind, item.metadata)
+        if node.has_parameter(path):
+            node.set_descriptor(path, descriptor)
+        elif flat[path] != ():
+            node.declare_parameter(path, _plain(flat[path]), descriptor, ignore_override=True)
+    return configuration
+
+
+def _value(parameter: Parameter) -> Any:
+    value = parameter.value
+    return list(value) if parameter.type_.name.endswith('_ARRAY') else value
+
+
+def _plain(value: Any) -> Any:
+    return list(value) if isinstance(value, tuple) else value
+
+
+def _describe(kind: Any, rule: Any) -> ParameterDescriptor:
+    """All are read-only: links never change while running, so a change is a restart."""
+    descriptor = ParameterDescriptor(description=rule['meaning'], read_only=True, dynamic_typing=True)
+    if rule['choices']:
+        descriptor.additional_constraints = 'one of ' + ', '.join(map(str, rule['choices']))
+    low = rule['low'] if rule['low'] is not None else rule['above']
+    if low is not None:
+        if kind is float:
+            high = rule['high'] if rule['high'] is not None else 1e9
+            descriptor.floating_point_range = [
+                FloatingPointRange(from_value=float(low), to_value=float(high))
+            ]
+        elif kind is int:
+            descriptor.integer_range = [IntegerRange(from_value=int(low), to_value=int(rule['high']), step=1)]
+    return descriptor

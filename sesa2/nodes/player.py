@@ -1,0 +1,136 @@
+"""The player: a recording's IMUs as topics again, at the pace at which they were recorded or another."""
+
+import threading
+import time
+from collections.abc import Iterator
+from typing import Any
+
+import rclpy.node
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import Imu
+
+from sesa2.bags.reading import ImuRecording, Sample
+from sesa2.bags.recording import open_recording
+from sesa2.configuration import ConfigurationError, Mistake
+from sesa2.errors import Sesa2Error
+from sesa2.nodes.diagnostics import OK, Diagnostics
+from sesa2.nodes.parameters import declare_configuration
+from sesa2.nodes.qos import STREAM
+from sesa2.nodes.runtime import run_alone
+
+_NS = 1_000_000_000
+_LISTENERS_PATIENCE_S = 3.0
+# What was published last is on its way to the estimator for a moment.
+_LINGER_S = 0.5
+_CLOCK_PERIOD_NS = 10_000_000
+
+
+class Player(rclpy.node.Node):
+    """Publishes samples as they were measured, with the measurement's own stamps.
+
+    Attributes
+    ----------
+    finished
+        whether the recording has ended and was not to be looped.
+    failure
+        why it could not be played on; None while it can.
+    """
+
+    def __init__(self, **options: Any):
+        super().__init__('player', automatically_declare_parameters_from_overrides=True, **options)
+        self.configuration = declare_configuration(self)
+        self._run = self.configuration.run
+        if not self._run.bag:
+            raise ConfigurationError([Mistake('run.bag', 'is empty, expected a recording to play')], 'player')
+        self._recording = open_recording(self._run.bag)
+        self._imus = ImuRecording(self._recording)
+        imus = self.configuration.imus
+        configured = [*imus.ids, imus.base_id] if imus.base_id else imus.ids
+        unknown = sorted(set(self._imus.counts) - set(configured))
+        if unknown:
+            self.get_logger().warning(
+                f'IMUs {unknown} of the recording are not in imus.ids: nobody will use them'
+            )
+        self._publishers_of_imus = {
+            i: self.create_publisher(Imu, f'imu_{i}/data', STREAM) for i in self._imus.counts
+        }
+        self._clock_publisher = self.create_publisher(Clock, '/clock', 10) if self._run.clock else None
+        self._clock_ns = 0
+        self.finished = False
+        self.failure: Sesa2Error | None = None
+        self.n_played = self._rounds = 0
+        self._stop = threading.Event()
+        self._diagnostics = Diagnostics(self, self._run.bag, self._report)
+        self._thread = threading.Thread(target=self._play, name='player', daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """End the playing and its thread."""
+        self._stop.set()
+        self._thread.join()
+        self._recording.close()
+
+    def _play(self) -> None:
+        try:
+            self._wait_for_listeners()
+            while not self._stop.is_set():
+                if not self._play_once() and not self._stop.is_set():
+                    self.failure = Sesa2Error(f'{self._run.bag}: nothing to play after {self._run.start:g} s')
+                self._rounds += 1
+                if self.failure or not self._run.loop:
+                    break
+            for problem in self._recording.problems:
+                self.get_logger().warning(problem)
+            self._stop.wait(_LINGER_S)
+        except Sesa2Error as error:
+            self.failure = error
+        finally:
+            self.finished = True
+
+    def _wait_for_listeners(self) -> None:
+        """A listener that is not known yet would miss the beginning."""
+        deadline = time.monotonic() + _LISTENERS_PATIENCE_S
+        publishers = self._publishers_of_imus.values()
+        while time.monotonic() < deadline and not all(p.get_subscription_count() for p in publishers):
+            if self._stop.wait(0.02):
+                return
+
+    def _play_once(self) -> int:
+        """Play the recording once; the number of samples."""
+        n = 0
+        for sample, wait_s in self._paced():
+            if wait_s > 0.0 and self._stop.wait(wait_s):
+                break
+            self._publishers_of_imus[sample.id].publish(sample.data)
+            self._publish_clock(sample.stamp_ns)
+            n += 1
+            self.n_played += 1
+        return n
+
+    def _paced(self) -> Iterator[tuple[Sample, float]]:
+        """Each sample after the start, and how long to wait before it, s."""
+        first_ns = None
+        skip_ns = round(self._run.start * _NS)
+        began = time.monotonic()
+        for sample in self._imus.samples():
+            if first_ns is None:
+                first_ns = sample.stamp_ns
+            elapsed_ns = sample.stamp_ns - first_ns - skip_ns
+            if elapsed_ns >= 0:
+                yield sample, began + elapsed_ns / _NS / self._run.rate - time.monotonic()
+
+    def _publish_clock(self, stamp_ns: int) -> None:
+        if self._clock_publisher and abs(stamp_ns - self._clock_ns) >= _CLOCK_PERIOD_NS:
+            self._clock_ns = stamp_ns
+            message = Clock()
+            message.clock.sec, message.clock.nanosec = divmod(stamp_ns, _NS)
+            self._clock_publisher.publish(message)
+
+    def _report(self) -> list[tuple[str, bytes, str, dict[str, Any]]]:
+        text = 'finished' if self.finished else 'playing'
+        return [('bag', OK, text, {'samples': self.n_played, 'rounds': self._rounds})]
+
+
+def main() -> int:
+    """`ros2 run sesa2 player`."""
+    return run_alone(Player)

@@ -1,0 +1,108 @@
+"""The recorder: what the IMUs measure and the estimator publishes goes into a bag as it arrives."""
+
+import functools
+import time
+from typing import Any
+
+import rclpy.node
+from geometry_msgs.msg import PoseArray, PoseStamped
+from nav_msgs.msg import Path
+from rclpy.serialization import serialize_message
+from sensor_msgs.msg import Imu, JointState
+from sesa2_msgs.msg import ImuCalibration
+from std_msgs.msg import String
+
+from sesa2.bags.writing import record
+from sesa2.configuration import ConfigurationError, Mistake, files
+from sesa2.errors import Sesa2Error
+from sesa2.messages.results import TYPES
+from sesa2.nodes.diagnostics import OK, WARN, Diagnostics
+from sesa2.nodes.parameters import declare_configuration
+from sesa2.nodes.qos import ANY_STREAM, LATCHED, STREAM
+from sesa2.nodes.runtime import run_alone
+
+# Half a second is the most that a kill may cost, and a little.
+_FLUSH_PERIOD_S = 0.4
+_RESULTS = {'joint_states': JointState, 'markers': PoseArray, 'tip': PoseStamped, 'shape': Path}
+
+
+class Recorder(rclpy.node.Node):
+    """Writes messages as the bytes in which they arrive; the configuration is the first.
+
+    Attributes
+    ----------
+    path
+        the bag.
+    n_messages
+        written so far.
+    failure
+        why it cannot write on (a full disk); None while it can.
+    finished
+        whether it has ended for good.
+    """
+
+    def __init__(self, **options: Any):
+        super().__init__('recorder', automatically_declare_parameters_from_overrides=True, **options)
+        self.configuration = c = declare_configuration(self)
+        if not c.record.file:
+            raise ConfigurationError(
+                [Mistake('record.file', 'is empty, expected a bag to write')], 'recorder'
+            )
+        self.failure: Sesa2Error | None = None
+        self.finished = False
+        self.n_messages = 0
+        self._bag = record(c.record.file)
+        self.path = self._bag.path
+        self._write(
+            self._bag.add_topic(self._absolute('configuration'), 'std_msgs/msg/String', latched=True),
+            bytes(serialize_message(String(data=files.dump(c)))),
+        )
+        self._bag.flush()
+        ids = [*c.imus.ids, c.imus.base_id] if c.imus.base_id else c.imus.ids
+        qos = ANY_STREAM if c.run.source == 'external' else STREAM
+        for i in ids:
+            if c.record.imu:
+                self._subscribe(Imu, 'sensor_msgs/msg/Imu', f'imu_{i}/data', qos)
+            self._subscribe(ImuCalibration, 'sesa2_msgs/msg/ImuCalibration', f'imu_{i}/calibration', LATCHED)
+        if c.record.results:
+            for model in c.models:
+                for kind, cls in _RESULTS.items():
+                    self._subscribe(cls, TYPES[kind], f'{model}/{kind}', STREAM)
+        self._timer = self.create_timer(_FLUSH_PERIOD_S, self._flush)
+        self._diagnostics = Diagnostics(self, str(self.path), self._report)
+        self.get_logger().info(f'recording into {self.path}')
+
+    def close(self) -> None:
+        """Make the bag whole."""
+        self._bag.close()
+
+    def _absolute(self, topic: str) -> str:
+        return self.resolve_topic_name(topic)
+
+    def _subscribe(self, kind: type, type_name: str, topic: str, qos: Any) -> None:
+        number = self._bag.add_topic(self._absolute(topic), type_name, latched=qos is LATCHED)
+        self.create_subscription(kind, topic, functools.partial(self._write, number), qos, raw=True)
+
+    def _write(self, number: int, data: bytes) -> None:
+        self._guard(lambda: self._bag.write(number, time.time_ns(), data))
+        self.n_messages += 1
+
+    def _flush(self) -> None:
+        self._guard(self._bag.flush)
+
+    def _guard(self, action: Any) -> None:
+        if self.finished:
+            return
+        try:
+            action()
+        except Sesa2Error as error:
+            self.failure, self.finished = error, True
+
+    def _report(self) -> list[tuple[str, bytes, str, dict[str, Any]]]:
+        level, text = (WARN, str(self.failure)) if self.failure else (OK, f'recording into {self.path}')
+        return [('bag', level, text, {'messages': self.n_messages})]
+
+
+def main() -> int:
+    """`ros2 run sesa2 recorder`."""
+    return run_alone(Recorder)

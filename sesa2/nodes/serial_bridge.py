@@ -1,0 +1,253 @@
+"""The serial bridge: what the board sends becomes topics; the chips get their saved offsets; the link is kept up."""
+
+import functools
+import threading
+import time
+from concurrent.futures import Future
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import rclpy.node
+from builtin_interfaces.msg import Time
+from sensor_msgs.msg import Imu
+from sesa2_msgs.msg import ImuCalibration
+from std_srvs.srv import Trigger
+
+from sesa2.configuration import Configuration
+from sesa2.errors import Sesa2Error
+from sesa2.imu.offsets import Offsets, load_offsets
+from sesa2.imu.scores import Scores
+from sesa2.link.board import Board
+from sesa2.link.commands import FusionMode
+from sesa2.link.packets import Acceleration, Data, State
+from sesa2.link.session import LinkSettings, Session
+from sesa2.link.status import Counters, Event, ImuStatus, Level, OffsetsState
+from sesa2.messages.imu import ImuMessages
+from sesa2.nodes.diagnostics import ERROR, OK, WARN, Diagnostics
+from sesa2.nodes.parameters import declare_configuration
+from sesa2.nodes.qos import LATCHED, STREAM
+from sesa2.nodes.runtime import run_alone
+
+# Eight chips take 40 ms each; a chip that boots lets the board say "busy" for 0.7 s.
+_OFFSETS_PATIENCE_S = 5.0
+_NS = 1_000_000_000
+
+
+class SerialBridge(rclpy.node.Node):
+    """Publishes each IMU's orientation and calibration, as the chip measured them.
+
+    The link has a thread of its own, from which it also publishes.
+
+    Attributes
+    ----------
+    session
+        the link.
+    failure
+        why the link could not be made at the start, or cannot be kept; None while it can.
+    finished
+        whether the link has ended for good.
+    """
+
+    def __init__(self, **options: Any):
+        super().__init__('serial_bridge', automatically_declare_parameters_from_overrides=True, **options)
+        self.configuration = declare_configuration(self)
+        c = self.configuration
+        self._ids = tuple(sorted([*c.imus.ids, c.imus.base_id] if c.imus.base_id else c.imus.ids))
+        self._saved = self._load(c)
+        self._imu_messages = {i: ImuMessages(f'imu_{i}') for i in self._ids}
+        self._data_publishers = {i: self.create_publisher(Imu, f'imu_{i}/data', STREAM) for i in self._ids}
+        self._calibration_publishers = {
+            i: self.create_publisher(ImuCalibration, f'imu_{i}/calibration', LATCHED) for i in self._ids
+        }
+        self._offsets: dict[int, Offsets] = {}
+        self._scores: dict[int, Scores] = {}
+        self._waiting: tuple[Data, list[int]] | None = None  # orientations, until their acceleration has come
+        self._shown = Counters()
+        self.failure: Sesa2Error | None = None
+        self.finished = False
+        settings = LinkSettings(
+            port=c.serial.port,
+            ids=self._ids,
+            baud=c.serial.baud,
+            rate_hz=c.serial.rate_hz,
+            fusion=FusionMode[c.serial.fusion],
+            acceleration=c.serial.acceleration,
+        )
+        self.session = Session(settings, self, self._saved)
+        self._service = self.create_service(Trigger, '~/read_offsets', self._read_all)
+        self._timer = self.create_timer(1.0, self._publish_calibrations)
+        self._diagnostics = Diagnostics(self, c.serial.port, self._report)
+        self._thread = threading.Thread(target=self._run, name='board link', daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """End the link and its thread."""
+        self.session.stop()
+        self._thread.join()
+
+    def _load(self, c: Configuration) -> dict[int, Offsets]:
+        """The saved offsets; a calibration that makes a new file may begin without one."""
+        path = Path(c.calibration.file)
+        if not c.calibration.file or (c.run.mode == 'calibrate' and not path.exists()):
+            return {}
+        calibration = load_offsets(path, self._ids)
+        if calibration.missing:
+            missing = ', '.join(map(str, calibration.missing))
+            self.get_logger().warning(f'{path} has no offsets of IMU {missing}: not calibrated')
+        return calibration.offsets
+
+    def _run(self) -> None:
+        try:
+            self.session.connect()
+            self.session.run()
+        except Sesa2Error as error:
+            self.failure = error
+        finally:
+            self.finished = True
+
+    # Called by the session, in its thread
+
+    def on_data(self, data: Data, stamps_ns: list[int]) -> None:
+        """Publish a sweep, or keep it until its acceleration comes."""
+        if self._waiting:
+            self._publish(*self._waiting, None)
+        self._waiting = (data, stamps_ns) if self.configuration.serial.acceleration else None
+        if not self._waiting:
+            self._publish(data, stamps_ns, None)
+        for i, scores in zip(data.sweep.ids, data.scores, strict=True):
+            if self._scores.get(i) != scores:
+                self._take_scores(i, Scores(*scores))
+
+    def on_acceleration(self, acceleration: Acceleration, stamps_ns: list[int]) -> None:
+        """Publish the sweep that this acceleration belongs to."""
+        del stamps_ns
+        if self._waiting and self._waiting[0].sweep.seq == acceleration.sweep.seq:
+            self._publish(*self._waiting, acceleration.accelerations)
+            self._waiting = None
+
+    def on_offsets(self, imu_id: int, offsets: Offsets) -> None:
+        """Publish what was read from a chip."""
+        self._offsets[imu_id] = offsets
+        self._publish_calibration(imu_id)
+
+    def on_event(self, event: Event) -> None:
+        """Tell the user."""
+        log = self.get_logger()
+        # rclpy wants each severity to have a line of its own.
+        if event.level is Level.INFO:
+            log.info(event.message)
+        elif event.level is Level.WARN:
+            log.warning(event.message)
+        else:
+            log.error(event.message)
+
+    def _publish(self, data: Data, stamps_ns: list[int], accelerations: np.ndarray | None) -> None:
+        rows = zip(data.sweep.ids, stamps_ns, data.orientations, data.states, strict=True)
+        for k, (i, stamp_ns, orientation, state) in enumerate(rows):
+            if state is not State.RUN or not orientation.any():
+                continue  # all zero is no rotation: the chip has not measured
+            acceleration = None if accelerations is None else accelerations[k]
+            if acceleration is not None and not np.isfinite(acceleration).all():
+                acceleration = None
+            self._data_publishers[i].publish(self._imu_messages[i].make(stamp_ns, orientation, acceleration))
+
+    def _take_scores(self, imu: int, scores: Scores) -> None:
+        before, self._scores[imu] = self._scores.get(imu), scores
+        fusion = self.configuration.serial.fusion
+        newly = scores.complete(fusion) and not (before and before.complete(fusion))
+        if newly and self.configuration.run.mode == 'calibrate':
+            self.session.submit(functools.partial(self._learn, imu)).add_done_callback(self._tell_failure)
+        self._publish_calibration(imu)
+
+    def _learn(self, imu: int, board: Board) -> None:
+        """Read a chip's offsets, and have the board give it these again after a comeback."""
+        offsets = board.read_offsets(imu)
+        board.write_offsets(imu, offsets)
+        self._saved[imu] = offsets
+        self.on_offsets(imu, offsets)
+
+    def _tell_failure(self, future: 'Future[None]') -> None:
+        if error := future.exception():
+            self.on_event(Event(Level.WARN, str(error)))
+
+    # Called by the executor
+
+    def _read_all(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        """`~/read_offsets`: read the offsets of every chip and publish them."""
+        del request
+        deadline = time.monotonic() + _OFFSETS_PATIENCE_S
+        reading = {i: self.session.submit(functools.partial(Board.read_offsets, imu_id=i)) for i in self._ids}
+        failed = []
+        for i, future in reading.items():
+            try:
+                self.on_offsets(i, future.result(max(0.0, deadline - time.monotonic())))
+            except TimeoutError:
+                failed.append(f'IMU {i}: no answer within {_OFFSETS_PATIENCE_S:g} s')
+            except Sesa2Error as error:
+                failed.append(f'IMU {i}: {error}')
+        response.success = not failed
+        response.message = '; '.join(failed) or f'read the offsets of {len(self._ids)} IMUs'
+        return response
+
+    def _publish_calibrations(self) -> None:
+        for i in list(self._scores):
+            self._publish_calibration(i)
+
+    def _publish_calibration(self, imu: int) -> None:
+        now_ns = time.time_ns()
+        message = ImuCalibration(id=imu)
+        message.header.frame_id = f'imu_{imu}'
+        message.header.stamp = Time(sec=now_ns // _NS, nanosec=now_ns % _NS)
+        if scores := self._scores.get(imu):
+            message.sys, message.gyro, message.accel, message.mag = scores
+        if offsets := self._offsets.get(imu):
+            message.offsets_valid = True
+            message.accel_offset = np.array(offsets.accel_offset, np.int16)
+            message.mag_offset = np.array(offsets.mag_offset, np.int16)
+            message.gyro_offset = np.array(offsets.gyro_offset, np.int16)
+            message.accel_radius, message.mag_radius = offsets.accel_radius, offsets.mag_radius
+        self._calibration_publishers[imu].publish(message)
+
+    def _report(self) -> list[tuple[str, bytes, str, dict[str, Any]]]:
+        counters, before = self.session.counters(), self._shown
+        self._shown = counters
+        rate = counters.sweeps - before.sweeps
+        damaged = counters.frame_errors.total - before.frame_errors.total
+        lost = counters.lost_sweeps - before.lost_sweeps
+        level, text = OK, f'{rate} sweeps in the last second'
+        if not self.session.connected:
+            level, text = ERROR, 'no board streams on this port; trying again'
+        elif lost or damaged:
+            level, text = WARN, f'{text}, {lost} lost, {damaged} frames damaged'
+        hello = self.session.hello
+        values: dict[str, Any] = {k: v for k, v in vars(counters).items() if k != 'frame_errors'}
+        values |= {f'frame_errors_{k}': v for k, v in counters.frame_errors._asdict().items()}
+        if hello:
+            values['firmware'] = f'{hello.firmware_major}.{hello.firmware_minor}'
+        if stats := self.session.stats:
+            values |= {f'board_{k}': v for k, v in stats._asdict().items()}
+        imus = self.session.imus()
+        return [('link', level, text, values)] + [self._report_imu(i, imus.get(i)) for i in self._ids]
+
+    def _report_imu(self, imu: int, status: ImuStatus | None) -> tuple[str, bytes, str, dict[str, Any]]:
+        if status is None:
+            return f'imu_{imu}', ERROR, 'not heard yet', {}
+        scores = Scores(*status.scores)
+        fusion = self.configuration.serial.fusion
+        values = {'state': status.state.name, 'errors': status.errors, **scores._asdict()}
+        values['offsets'] = status.offsets.value
+        if status.state is State.ABSENT:
+            return f'imu_{imu}', ERROR, 'does not answer: cable, power, multiplexer channel', values
+        if status.state is not State.RUN:
+            return f'imu_{imu}', WARN, 'starts', values
+        if status.offsets is OffsetsState.DIFFERENT:
+            return f'imu_{imu}', ERROR, 'works with other offsets than those saved', values
+        if fusion != 'IMU' and scores.mag == 0:
+            return f'imu_{imu}', WARN, 'magnetometer not calibrated: its heading means nothing', values
+        return f'imu_{imu}', OK, scores.next_step(fusion), values
+
+
+def main() -> int:
+    """`ros2 run sesa2 serial_bridge`."""
+    return run_alone(SerialBridge)

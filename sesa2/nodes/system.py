@@ -1,0 +1,179 @@
+"""The nodes that a configuration asks for, wired in one process: what `sesa2 run` does."""
+
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+from sesa2.configuration import Configuration, ConfigurationError, Mistake
+from sesa2.errors import Sesa2Error
+from sesa2.link.virtual.board import VirtualBoard
+from sesa2.nodes.calibration import CalibrationNode
+from sesa2.nodes.estimator import EstimatorNode
+from sesa2.nodes.parameters import overrides
+from sesa2.nodes.player import Player
+from sesa2.nodes.recorder import Recorder
+from sesa2.nodes.runtime import Spinner, ros
+from sesa2.nodes.serial_bridge import SerialBridge
+from sesa2.nodes.simulation import make_virtual_board
+from sesa2.nodes.status import Status
+
+
+class System:
+    """The nodes of a configuration, started and stopped together.
+
+    Parameters
+    ----------
+    spinner
+        runs the nodes.
+
+    Attributes
+    ----------
+    nodes
+        those that run now.
+    board
+        the virtual board, where the source is `sim`.
+    """
+
+    def __init__(self, spinner: Spinner):
+        self._spinner = spinner
+        self._options: dict[str, Any] = {}
+        self.nodes: list[Node] = []
+        self.board: VirtualBoard | None = None
+
+    @property
+    def failure(self) -> Sesa2Error | None:
+        """Why a node cannot go on; None while all can."""
+        return next((failure for node in self.nodes if (failure := getattr(node, 'failure', None))), None)
+
+    @property
+    def finished(self) -> bool:
+        """Whether a node has come to its end: a bag that was played, a link that cannot be made."""
+        return any(getattr(node, 'finished', False) for node in self.nodes)
+
+    def start(self, configuration: Configuration) -> None:
+        """Start the nodes that a configuration asks for.
+
+        Raises
+        ------
+        Sesa2Error
+            one cannot start; then none runs.
+        """
+        try:
+            if configuration.run.source == 'sim':
+                self.board = make_virtual_board(configuration)
+                serial = replace(configuration.serial, port=self.board.path)
+                configuration = replace(configuration, serial=serial)
+            self._options = {'parameter_overrides': overrides(configuration), 'use_global_arguments': False}
+            for make in _wanted(configuration):
+                self._keep(make(**self._options))
+        except Sesa2Error:
+            self.stop()
+            raise
+
+    def stop(self) -> None:
+        """End all nodes, the last started first."""
+        while self.nodes:
+            self._spinner.remove(self.nodes.pop())
+        if self.board:
+            self.board.close()
+            self.board = None
+
+    def record(self, file: str) -> Path:
+        """Start recording into a new bag; its path.
+
+        Raises
+        ------
+        Sesa2Error
+            it cannot be written, nothing runs, or a recording is going on.
+        """
+        if self.recorder:
+            raise Sesa2Error(f'recording into {self.recorder.path} already')
+        if not self.nodes:
+            raise Sesa2Error('nothing runs that could be recorded')
+        if not file:
+            raise ConfigurationError([Mistake('record.file', 'is empty, expected a bag to write')])
+        given = [p for p in self._options['parameter_overrides'] if p.name != 'record.file']
+        recorder = Recorder(
+            **{**self._options, 'parameter_overrides': [*given, Parameter('record.file', value=file)]}
+        )
+        self._keep(recorder)
+        return recorder.path
+
+    def stop_recording(self) -> Path:
+        """Make the bag whole; its path.
+
+        Raises
+        ------
+        Sesa2Error
+            nothing is being recorded.
+        """
+        recorder = self.recorder
+        if recorder is None:
+            raise Sesa2Error('nothing is being recorded')
+        self.nodes.remove(recorder)
+        self._spinner.remove(recorder)
+        return recorder.path
+
+    @property
+    def recorder(self) -> Recorder | None:
+        """The recorder, where one runs."""
+        return next((node for node in self.nodes if isinstance(node, Recorder)), None)
+
+    def _keep(self, node: Node) -> None:
+        self.nodes.append(node)
+        self._spinner.add(node)
+
+
+def _wanted(c: Configuration) -> list[Callable[..., Node]]:
+    """Listeners first, so that nothing which is said is missed."""
+    wanted: list[Callable[..., Node]] = []
+    if c.run.mode == 'stream':
+        if c.record.file:
+            wanted.append(Recorder)
+        wanted.append(EstimatorNode)
+    if c.run.source == 'bag':
+        wanted.append(Player)
+    if c.run.source in ('sim', 'serial'):
+        if c.calibration.file:
+            wanted.append(CalibrationNode)
+        wanted.append(SerialBridge)
+    return wanted
+
+
+def run(configuration: Configuration, stop: threading.Event, duration: float | None = None) -> None:
+    """Run until asked to stop, the end of the bag or the given time.
+
+    Parameters
+    ----------
+    configuration
+        says by its source, mode and files which nodes are wanted.
+    stop
+        set from outside, to end.
+    duration
+        s; None: no end.
+
+    Raises
+    ------
+    Sesa2Error
+        a node cannot start, or cannot go on.
+    """
+    ends = time.monotonic() + duration if duration else float('inf')
+    with ros([]), Spinner() as spinner:
+        system = System(spinner)
+        try:
+            system.start(configuration)
+            status = Status(configuration, system.nodes, system.board)
+            while not (stop.is_set() or system.finished or time.monotonic() > ends):
+                spinner.spin_once()
+                status.show_when_due()
+            if system.failure:
+                raise system.failure
+            status.show_summary()
+        finally:
+            system.stop()

@@ -1,0 +1,189 @@
+"""Every mistake is found at once, with its place and what is allowed."""
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from sesa2.configuration import ConfigurationError, files, validate
+from sesa2.configuration.records import leaves
+
+CONFIG = Path(__file__).parents[2] / 'config'
+SHIPPED = sorted(CONFIG.glob('*.yaml'))
+
+
+def values(**changes):
+    """A small valid configuration; `section__key=value` changes it, `section__key=None` takes the key away."""
+    base = {
+        'arm': {'length': 0.3},
+        'imus': {'ids': [2, 5], 'positions': [0.1, 0.3]},
+        'markers': {'names': ['A', 'B'], 'positions': [0.1, 0.2]},
+    }
+    for path, value in changes.items():
+        section, _, key = path.partition('__')
+        target = base.setdefault(section, {}) if key else base
+        key = key or section
+        if value is None:
+            target.pop(key)
+        else:
+            target[key] = value
+    return base
+
+
+def mistakes(**changes):
+    with pytest.raises(ConfigurationError) as caught:
+        validate(values(**changes))
+    return [f'{m.place}: {m.message}' for m in caught.value.mistakes]
+
+
+def test_defaults_are_filled_in_per_imu():
+    c = validate(values())
+    assert c.imus.enabled == (True, True)
+    assert c.pcc.segments == (2, 2)
+    assert c.mountings.shape == (2, 4)
+    assert c.headings.tolist() == [0.0, 0.0]
+    assert c.frame_id == 'base_link'
+
+
+@pytest.mark.parametrize(
+    ('changes', 'expected'),
+    [
+        ({'arm__lenght': 1.0}, 'arm.lenght: is not known; did you mean arm.length?'),
+        ({'radius': 0.1}, 'radius: is not known; did you mean arm.radius?'),
+        ({'xyzzy': 1}, 'xyzzy: is not known'),
+        ({'arm': 3}, 'arm: got 3, expected a section with keys'),
+        ({'arm__length': None}, 'arm.length: is missing'),
+        ({'arm__length': 'long'}, "arm.length: got 'long', expected a number"),
+        ({'arm__length': True}, 'arm.length: got True, expected a number'),
+        ({'arm__length': math.nan}, 'arm.length: got nan, expected a finite number'),
+        ({'arm__length': -1.0}, 'arm.length: got -1.0, expected more than 0'),
+        (
+            {'arm__output_frame': 'bas'},
+            "arm.output_frame: got 'bas', expected one of base, world; did you mean base?",
+        ),
+        (
+            {'arm__base_orientation': [0.0, 0.0, 1.0]},
+            'arm.base_orientation: has 3 numbers, expected 4: x y z w',
+        ),
+        (
+            {'arm__base_orientation': [0.0, 0.0, 0.0, 0.0]},
+            'arm.base_orientation: has norm 0, expected a unit quaternion x y z w',
+        ),
+        (
+            {'imus__positions': [0.0, 0, 0.3]},
+            'imus.positions[1]: got the integer 0 among numbers, which ROS cannot read; write 0.0',
+        ),
+        (
+            {'imus__positions': []},
+            'imus.positions: got an empty list, which ROS cannot read; leave the key out',
+        ),
+        ({'imus__positions': 0.1}, 'imus.positions: got 0.1, expected a list, [a number, …]'),
+        ({'imus__positions': [0.3, 0.1]}, 'imus.positions[1]: 0.1 m is not after 0.3 m'),
+        ({'imus__positions': [0.1, 0.4]}, 'imus.positions[1]: 0.4 m is beyond the tip at 0.3 m'),
+        ({'imus__positions': [0.1]}, 'imus.positions: has 1 entries, expected 2: one per id'),
+        ({'imus__ids': [2, 2]}, 'imus.ids[1]: got 2 a second time'),
+        ({'imus__ids': [2, 9]}, 'imus.ids[1]: got 9, expected 1 to 8'),
+        ({'imus__ids': [2, 5.0]}, 'imus.ids[1]: got 5.0, expected an integer'),
+        (
+            {'imus__enabled': [False, False]},
+            'imus.enabled: got false for every IMU, expected at least one true',
+        ),
+        ({'imus__enabled': [True]}, 'imus.enabled: has 1 entries, expected 2: one per id'),
+        (
+            {'imus__headings': [0.0] * 3},
+            'imus.headings: has 3 entries, expected 1 or 2: one for all or one per IMU',
+        ),
+        (
+            {'imus__mount_orientations': [0.0] * 5},
+            'imus.mount_orientations: has 5 numbers, expected 4 or 8: x y z w, one for all or one per IMU',
+        ),
+        (
+            {'imus__mount_orientations': [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.5, 0.5]},
+            'imus.mount_orientations[4:8]: has norm 0.7071, expected a unit quaternion x y z w',
+        ),
+        ({'imus__base_id': 5}, 'imus.base_id: got 5, which is also in imus.ids; it sits on the base'),
+        ({'markers__names': ['A', 'A']}, "markers.names[1]: got 'A' a second time"),
+        ({'markers__names': ['A', 3]}, 'markers.names[1]: got 3, expected a text (quote it)'),
+        ({'markers__positions': [0.1, 0.31]}, 'markers.positions[1]: 0.31 m is beyond the tip at 0.3 m'),
+        ({'markers__positions': [0.1]}, 'markers.positions: has 1 entries, expected 2: one per name'),
+        ({'models': ['pcx']}, "models[0]: got 'pcx', expected one of"),
+        ({'models': ['pcc', 'pcc']}, "models[1]: got 'pcc' a second time"),
+        ({'pcc__segments': [2]}, 'pcc: segments has 1 entries, expected 2'),
+        ({'pcc__segments': [2, 0]}, 'pcc.segments[1]: got 0, expected 1 to 1000'),
+        (
+            {'rigid__boundaries': 'mid'},
+            "rigid: boundaries = 'mid', expected 'midpoint', 'endpoint' or a list",
+        ),
+        ({'rigid__boundaries': [0.1, 0.2]}, 'rigid: boundaries has 2 entries, expected 1'),
+        ({'run__source': 'bag'}, "run.bag: is empty, and the source is 'bag'"),
+        ({'run__mode': 'calibrate'}, "calibration.file: is empty, and the mode is 'calibrate'"),
+        ({'serial__rate_hz': 200}, 'serial.rate_hz: got 200, expected 1 to 100'),
+    ],
+)
+def test_a_mistake_is_named(changes, expected):
+    found = mistakes(**changes)
+    assert any(m.startswith(expected) for m in found), found
+
+
+def test_all_mistakes_come_at_once():
+    found = mistakes(arm__lenght=1.0, imus__ids=[1, 99], models=['x'], sweep_timeout=0.0)
+    assert len(found) == 4
+
+
+@pytest.mark.parametrize('path', SHIPPED, ids=lambda p: p.stem)
+def test_shipped_configurations_are_valid_and_survive_the_file(path):
+    c = files.load(path)
+    assert files.parse(files.dump(c), 'dump') == c
+    assert files.find(path.stem) == path
+
+
+def test_the_dump_has_numbers_that_ros_reads_as_numbers():
+    c = validate(values(sweep_timeout=1e-5, arm__base_orientation=[1e-20, 0.0, 0.0, 1.0]))
+    dumped = files.dump(c)
+    assert files.parse(dumped, 'dump') == c
+    plain = yaml.safe_load(dumped)['/**']['ros__parameters']
+    assert type(plain['sweep_timeout']) is float
+    assert {type(v) for v in plain['arm']['base_orientation']} == {float}
+
+
+def test_every_parameter_says_what_it_means():
+    paths = [path for path, _, _ in leaves()]
+    assert len(paths) == len(set(paths)) > 30
+    assert all(len(item.metadata['meaning']) > 5 for _, _, item in leaves())
+    assert set(validate(values()).flat()) == set(paths)
+
+
+@pytest.mark.parametrize(
+    ('text', 'expected'),
+    [
+        ('a: [1, 2', 'line 1, column 9: YAML: expected'),
+        ('/**:\n  ros__parameters:\n    arm: {length: 1.0}\n    arm: {length: 2.0}\n', 'line 4'),
+        ('', "got NoneType, expected '/**:'"),
+        ('- 1', "got list, expected '/**:'"),
+        ('arm: {length: 1.0}', 'arm: is not read'),
+        ('/**: {parameters: {}}', "expected '/**:' and under it 'ros__parameters:'"),
+        ('/estimator:\n  ros__parameters: {}', '/estimator: is not read'),
+    ],
+)
+def test_a_file_that_is_none_is_explained(text, expected, tmp_path):
+    path = tmp_path / 'arm.yaml'
+    path.write_text(text)
+    with pytest.raises(ConfigurationError, match=r'arm\.yaml') as caught:
+        files.load(path)
+    assert expected in str(caught.value)
+
+
+def test_a_missing_file_lists_the_shipped_ones(tmp_path):
+    with pytest.raises(ConfigurationError, match=r'no such file.*prototype3_8'):
+        files.find('prototype9')
+    with pytest.raises(ConfigurationError, match='is a folder'):
+        files.find(str(tmp_path))
+    with pytest.raises(ConfigurationError, match='cannot be read'):
+        files.load(tmp_path)
+
+
+def test_mountings_are_normalised():
+    c = validate(values(imus__mount_orientations=[0.0, 0.0, 0.0, 1.0, 0.71, 0.0, 0.0, 0.71]))
+    np.testing.assert_allclose(c.mountings, [[0, 0, 0, 1], [0.5**0.5, 0, 0, 0.5**0.5]])

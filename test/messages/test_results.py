@@ -1,0 +1,124 @@
+"""Our bytes against rosbags' own serialiser, which writes the same messages field by field."""
+
+import numpy as np
+import pytest
+from rosbags.typesys import Stores, get_typestore
+
+from sesa2.configuration import files, validate
+from sesa2.errors import Sesa2Error
+from sesa2.estimation.estimator import Estimator
+from sesa2.estimation.sweeps import Sweep
+from sesa2.messages.imu import ImuMessages, read_imu
+from sesa2.messages.results import ResultMessages
+from sesa2.shape.rotations import normalize
+
+STORE = get_typestore(Stores.ROS2_JAZZY)
+STAMPS = [1_700_000_000_123_456_789, 1_700_000_000_999_999_999]
+
+
+@pytest.fixture(params=['', 'a', 'abcd'])
+def made(request):
+    """Results of two sweeps; names of different length shift every field that follows them."""
+    values = {
+        'arm': {'length': 0.3, 'base_orientation': [0.1, 0.2, 0.3, 0.927]},
+        'imus': {'ids': [1, 2, 3], 'positions': [0.1, 0.2, 0.29]},
+        'markers': {'names': ['M1'], 'positions': [0.15]},
+        'models': ['rigid', 'pcc', 'pcc_exact'],
+        'links': 5,
+    }
+    values['arm']['output_frame'] = 'world' if request.param == 'a' else 'base'
+    if request.param == '':
+        del values['markers']
+    configuration = validate(values)
+    rng = np.random.default_rng(1)
+    sweeps = [Sweep(t, normalize(rng.normal(size=(3, 4))), np.ones(3, bool), None) for t in STAMPS]
+    estimator = Estimator(configuration)
+    return configuration, estimator.estimate(sweeps), ResultMessages(configuration, estimator)
+
+
+def check_bytes(row, type_name):
+    """What rosbags reads out of our bytes, written by rosbags again, is our bytes."""
+    message = STORE.deserialize_cdr(row.tobytes(), type_name)
+    assert bytes(STORE.serialize_cdr(message, type_name)) == row.tobytes()
+    return message
+
+
+def stamp(header):
+    return header.stamp.sec * 10**9 + header.stamp.nanosec
+
+
+def test_every_topic_is_byte_for_byte_what_rosbags_writes(made):
+    _, estimate, messages = made
+    for topic in messages.topics:
+        rows = messages.make(topic, estimate)
+        assert len(rows) == 2
+        for row in rows:
+            check_bytes(row, topic.type)
+
+
+def test_the_numbers_are_at_their_places(made):
+    configuration, estimate, messages = made
+    for topic in messages.topics:
+        model, _, kind = topic.name.partition('/')
+        result = estimate.models[model]
+        for i, row in enumerate(messages.make(topic, estimate)):
+            message = check_bytes(row, topic.type)
+            if kind == 'joint_states':
+                assert stamp(message.header) == STAMPS[i]
+                assert message.name[:4] == [
+                    f'{model}_001_x',
+                    f'{model}_001_z',
+                    f'{model}_001_y',
+                    f'{model}_002_x',
+                ]
+                np.testing.assert_array_equal(message.position, result.joints[i].ravel())
+            elif kind == 'shape':
+                assert {stamp(pose.header) for pose in message.poses} == {STAMPS[i]}
+                assert {pose.header.frame_id for pose in message.poses} == {configuration.frame_id}
+                got = [[p.pose.position.x, p.pose.position.y, p.pose.position.z] for p in message.poses]
+                np.testing.assert_array_equal(got, result.ends[i])
+                got = [p.pose.orientation for p in message.poses]
+                np.testing.assert_array_equal([[q.x, q.y, q.z, q.w] for q in got], result.end_orientations[i])
+            elif kind == 'markers':
+                got = [[p.position.x, p.position.y, p.position.z] for p in message.poses]
+                np.testing.assert_array_equal(np.reshape(got, (-1, 3)), result.markers[i])
+            elif kind == 'tip':
+                assert message.header.frame_id == configuration.frame_id
+                np.testing.assert_array_equal(
+                    [getattr(message.pose.position, c) for c in 'xyz'], result.ends[i, -1]
+                )
+            else:
+                line, spheres = message.markers
+                np.testing.assert_array_equal([[p.x, p.y, p.z] for p in line.points], result.ends[i])
+                assert len(spheres.points) == len(configuration.markers.names)
+                assert line.scale.x == 0.025
+
+
+def test_imu_messages():
+    orientation = normalize([0.1, -0.2, 0.3, 0.9])
+    data = ImuMessages('imu_3').make(STAMPS[1], orientation)
+    message = check_bytes(np.frombuffer(data, np.uint8), 'sensor_msgs/msg/Imu')
+    assert message.header.frame_id == 'imu_3'
+    assert message.angular_velocity_covariance[0] == message.linear_acceleration_covariance[0] == -1.0
+    assert not message.orientation_covariance.any()
+    sample = read_imu(data)
+    assert sample.stamp_ns == STAMPS[1]
+    np.testing.assert_array_equal(sample[1:], orientation)
+    data = ImuMessages('x').make(STAMPS[0], orientation, np.array([1.0, 2.0, 9.8]))
+    message = STORE.deserialize_cdr(data, 'sensor_msgs/msg/Imu')
+    assert message.linear_acceleration.z == 9.8
+    assert message.linear_acceleration_covariance[0] == 0.0
+    big = STORE.serialize_cdr(message, 'sensor_msgs/msg/Imu', little_endian=False)
+    assert read_imu(bytes(big)) == read_imu(data)
+
+
+@pytest.mark.parametrize('data', [b'', b'\0', b'\0\1\0\0abc', bytes(30)])
+def test_a_cut_imu_message_is_refused(data):
+    with pytest.raises(Sesa2Error, match='expected at least 316'):
+        read_imu(data)
+
+
+def test_shipped_configurations_give_messages():
+    for name in ('prototype3_8', 'authors_recording', 'single_section'):
+        configuration = files.load(files.find(name))
+        assert ResultMessages(configuration, Estimator(configuration)).topics

@@ -1,0 +1,183 @@
+"""The estimator node on a real graph: what goes in as messages comes out as the arm's shape."""
+
+import itertools
+
+import numpy as np
+import pytest
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import PoseArray, PoseStamped
+from nav_msgs.msg import Path
+from rclpy.parameter import Parameter
+from sensor_msgs.msg import Imu, JointState
+from std_msgs.msg import String
+from visualization_msgs.msg import MarkerArray
+
+from sesa2.configuration import ConfigurationError, files
+from sesa2.messages.imu import ImuMessages
+from sesa2.nodes.estimator import EstimatorNode
+from sesa2.nodes.qos import LATCHED, STREAM
+from sesa2.shape.models import create_model
+from sesa2.shape.rotations import conjugate, multiply, normalize
+
+VALUES = {
+    'arm': {'length': 0.3},
+    'imus': {'ids': [2, 5], 'positions': [0.1, 0.3], 'mount_orientations': [0.6, 0.0, 0.0, 0.8]},
+    'markers': {'names': ['A', 'B'], 'positions': [0.1, 0.2]},
+    'models': ['pcc', 'pcc_exact'],
+    'links': 6,
+    'sweep_timeout': 0.2,
+}
+T0 = 1_700_000_000_000_000_000
+MS = 1_000_000
+
+
+class Sensors:
+    """Publishers of the IMUs' topics."""
+
+    def __init__(self, graph, ids):
+        self.publishers = {i: graph.probe.create_publisher(Imu, f'imu_{i}/data', STREAM) for i in ids}
+        graph.until(
+            lambda: all(p.get_subscription_count() for p in self.publishers.values()), 'the estimator'
+        )
+
+    def say(self, imu, stamp_ns, q):
+        self.publishers[imu].publish(ImuMessages(f'imu_{imu}').make(stamp_ns, q))
+
+
+def stamp(header):
+    return header.stamp.sec * 10**9 + header.stamp.nanosec
+
+
+def xyz(p):
+    return [p.x, p.y, p.z]
+
+
+@pytest.fixture
+def node(graph, configured):
+    return graph.add(EstimatorNode(parameter_overrides=configured(VALUES)))
+
+
+def test_one_result_per_sweep_and_model_with_the_measurements_stamp(graph, node):
+    c = node.configuration
+    got = {
+        (model, kind): graph.listen(cls, f'{model}/{kind}', STREAM)
+        for model in ('pcc', 'pcc_exact')
+        for kind, cls in (
+            ('joint_states', JointState),
+            ('markers', PoseArray),
+            ('tip', PoseStamped),
+            ('shape', Path),
+        )
+    }
+    sensors = Sensors(graph, (2, 5))
+    rng = np.random.default_rng(0)
+    measured = normalize(rng.normal(size=(3, 2, 4)))
+    for k, q in enumerate(measured):
+        sensors.say(2, T0 + 1000 * k * MS, q[0])
+        sensors.say(5, T0 + 1000 * k * MS + 2 * MS, q[1])
+        # One sweep after the other: just after matching, DDS does not keep the order between topics.
+        graph.until(lambda n=k + 1: all(len(m) == n for m in got.values()), 'a result of each')
+    links = multiply(measured, conjugate([0.6, 0.0, 0.0, 0.8]))
+    for name in ('pcc', 'pcc_exact'):
+        model = create_model(name, c.geometry, **c.model_options(name))
+        backbone = model.fit(links)
+        for k in range(3):
+            newest = T0 + 1000 * k * MS + 2 * MS
+            assert {
+                stamp(got[name, kind][k].header) for kind in ('joint_states', 'markers', 'tip', 'shape')
+            } == {newest}
+            markers = got[name, 'markers'][k]
+            np.testing.assert_allclose(
+                [xyz(p.position) for p in markers.poses], backbone.positions([0.1, 0.2])[k], atol=1e-12
+            )
+            np.testing.assert_allclose(
+                xyz(got[name, 'tip'][k].pose.position), backbone.positions([0.3])[k, 0], atol=1e-12
+            )
+            shape = [xyz(p.pose.position) for p in got[name, 'shape'][k].poses]
+            np.testing.assert_allclose(shape, backbone.positions(model.link_ends)[k], atol=1e-12)
+            assert len(got[name, 'joint_states'][k].position) == 3 * model.n_links
+            assert markers.header.frame_id == 'base_link'
+
+
+def test_the_configuration_is_latched_and_valid(graph, node):
+    messages = graph.listen(String, 'configuration', LATCHED)
+    [message] = graph.until(lambda: messages)
+    assert files.parse(message.data, 'topic') == node.configuration
+
+
+def test_an_imu_that_falls_silent_is_interpolated_and_shown(graph, node):
+    tips = graph.listen(PoseStamped, 'pcc/tip', STREAM)
+    diagnostics = graph.listen(DiagnosticArray, '/diagnostics', 10)
+    sensors = Sensors(graph, (2, 5))
+    straight = [0.6, 0.0, 0.0, 0.8]
+    sensors.say(2, T0, straight)
+    # Nothing follows that would show by its stamp that time passes: the node's own clock has to.
+    graph.until(lambda: tips, 'a result without IMU 5')
+    np.testing.assert_allclose(xyz(tips[0].pose.position), [0.0, 0.0, 0.3], atol=1e-12)
+
+    def level(part):
+        return [s.level for m in diagnostics for s in m.status if s.name == f'estimator: {part}']
+
+    graph.until(lambda: DiagnosticStatus.WARN in level('imu_5'), 'a warning about IMU 5')
+
+
+def test_two_publishers_on_one_topic_are_an_error(graph, node):
+    diagnostics = graph.listen(DiagnosticArray, '/diagnostics', 10)
+    sensors = [Sensors(graph, (2,)), Sensors(graph, (2,))]
+    assert len(sensors) == 2
+    graph.until(
+        lambda: [s for m in diagnostics for s in m.status if '2 publishers on one topic' in s.message],
+        'an error about two publishers',
+    )
+
+
+def test_bad_samples_are_counted(graph, node):
+    diagnostics = graph.listen(DiagnosticArray, '/diagnostics', 10)
+    sensors = Sensors(graph, (2, 5))
+    for k, q in enumerate(([0.0] * 4, [np.nan, 0.0, 0.0, 1.0], [0.0, 0.0, 0.0, 0.5])):
+        sensors.say(2, T0 + k * MS, q)
+
+    def counts():
+        keys = [
+            v.key for m in diagnostics for s in m.status if s.name == 'estimator: sweeps' for v in s.values
+        ]
+        return {'dropped: all zero, not measured', 'dropped: not a number', 'dropped: norm is not 1'} <= set(
+            keys
+        )
+
+    graph.until(counts, 'counts of the bad samples')
+
+
+def test_marker_arrays_only_for_whoever_listens(graph, node):
+    sensors = Sensors(graph, (2, 5))
+    arrays = graph.listen(MarkerArray, 'pcc/marker_array', STREAM)
+
+    sweeps = itertools.count()
+
+    def one_sweep_more():
+        now = T0 + 1000 * next(sweeps) * MS
+        for imu in (2, 5):
+            sensors.say(imu, now, [0.0, 0.0, 0.0, 1.0])
+        return arrays
+
+    graph.until(one_sweep_more, 'a marker array')
+    line, spheres = arrays[0].markers
+    assert len(line.points) == 5
+    assert len(spheres.points) == 2
+
+
+def test_unknown_parameters_are_refused(graph, configured):
+    wrong = [*configured(VALUES), Parameter('arm.lenght', value=1.0)]
+    with pytest.raises(ConfigurationError, match=r'arm\.lenght: is not known; did you mean arm\.length'):
+        EstimatorNode(parameter_overrides=wrong)
+
+
+def test_parameters_are_described_ranged_and_read_only(graph, node):
+    descriptor = node.describe_parameter('arm.length')
+    assert 'm' in descriptor.description
+    assert descriptor.read_only
+    assert node.get_parameter('imus.enabled').value == [True, True]
+    [result] = node.set_parameters([Parameter('arm.length', rclpy.Parameter.Type.DOUBLE, 0.4)])
+    assert not result.successful
+    assert 'read-only' in result.reason
