@@ -1,4 +1,4 @@
-# make demo: set up and run the main job · make test · make lint · make bench · make venv: the set-up alone
+# make demo: set up and run the main job · make test · make lint · make firmware-test · make bench · make accuracy · make venv: the set-up alone
 .DEFAULT_GOAL := help
 SHELL := /bin/bash
 VENV := .venv
@@ -8,7 +8,7 @@ PYTHON ?= $(shell for p in python3.12 python3.11 python3.13 python3.10 python3; 
 	$$p -c 'import sys; sys.exit(not (3, 10) <= sys.version_info[:2] <= (3, 13))' 2>/dev/null && echo $$p && break; done)
 EXTRAS := ros,report,test,lint
 
-.PHONY: help venv demo test lint bench clean
+.PHONY: help venv demo test lint firmware-test bench accuracy clean
 help:
 	@sed -n 1p Makefile | cut -c3-
 
@@ -35,6 +35,11 @@ lint: venv
 	@$(BIN)/ruff format --check .
 	@$(BIN)/mypy
 	@$(BIN)/lint-imports
+
+# The real firmware in a simulated board; says which Debian packages it needs.
+firmware-test: venv
+	@$(MAKE) --no-print-directory -C firmware test
+	@SESA2_REQUIRE_FIRMWARE=1 $(BIN)/python -m pytest test/firmware
 
 bench: venv
 	@$(BIN)/python bench/run.py

@@ -116,9 +116,8 @@ def _from_motion(
         (i, *(f'{np.rad2deg(v):+.2f} ± {np.rad2deg(s):.2f}' for v, s in zip(values, std, strict=True)))
         for i, values, std in zip(c.imus.ids, found.corrections, found.std, strict=True)
     ]
-    print(
-        f'{found.shapes} shapes in {found.seconds:.1f} s of motion; twist of the arm {np.rad2deg(found.twist):.1f}° rms'
-    )
+    twist = np.rad2deg(found.twist)
+    print(f'{found.shapes} shapes in {found.seconds:.1f} s of motion; twist of the arm {twist:.1f}° rms')
     print('\n'.join(table(('IMU', 'mounting x [°]', 'y [°]', 'z [°]', 'heading [°]'), rows)))
     warn(found.untold(c.imus.ids))
     if found.twist > _MUCH_TWIST:
