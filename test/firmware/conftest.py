@@ -7,9 +7,9 @@ from collections.abc import Callable, Iterator
 from types import SimpleNamespace
 
 import pytest
-from bench import Bench
 from simulated_board import BUILD, FIRMWARE, SimulatedBoard
 
+from bench import Bench
 from sesa2.link import board as link_board
 
 

@@ -11,9 +11,9 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from unittest.mock import patch
 
-from bench import Bench, Watched
 from simulated_board import BUILD, CHANNELS, FIRMWARE, SimulatedBoard
 
+from bench import Bench, Watched
 from sesa2.imu.offsets import Offsets
 from sesa2.link import board as link_board
 from sesa2.link.commands import Stream

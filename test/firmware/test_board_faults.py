@@ -1,9 +1,9 @@
 """Everything that a bench does to a bus: plugs pulled, power lost, lines held low, a cable out."""
 
 import pytest
-from bench import assert_no_gap, assert_quaternions_right
 from simulated_board import Reading, pattern
 
+from bench import assert_no_gap, assert_quaternions_right
 from sesa2.imu.offsets import Offsets
 from sesa2.link.commands import FusionMode
 from sesa2.link.packets import State
@@ -148,7 +148,10 @@ def test_a_held_line_is_freed_by_clock_pulses(calibrated):
 def test_a_bus_that_stays_stuck_stops_nothing_but_the_measurements(calibrated, line):
     calibrated.simulated.command('hold', 'trunk', line)
     # Seen on the lines, not by eight timeouts of 5 ms in each sweep.
-    assert calibrated.until(lambda data: all(data.state_of(channel) is State.ABSENT for channel in range(8))) < 0.05
+    assert (
+        calibrated.until(lambda data: all(data.state_of(channel) is State.ABSENT for channel in range(8)))
+        < 0.05
+    )
     stuck = calibrated.watch(1.0)
     assert len(stuck) == pytest.approx(100, abs=1)
     assert {packet.quaternion_of(channel) for packet in stuck for channel in range(8)} == {(0, 0, 0, 0)}

@@ -1,6 +1,7 @@
 """The thesis's display and calibration button, compiled in with LCD=1."""
 
 import pytest
+
 from bench import assert_no_gap, assert_quaternions_right
 
 

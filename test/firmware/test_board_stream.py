@@ -3,8 +3,8 @@
 from itertools import pairwise
 
 import pytest
-from bench import assert_no_gap, assert_quaternions_right
 
+from bench import assert_no_gap, assert_quaternions_right
 from sesa2.link.commands import Configuration, FusionMode, Stream
 from sesa2.link.packets import State
 
