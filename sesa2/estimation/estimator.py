@@ -9,7 +9,7 @@ from sesa2.configuration import Configuration
 from sesa2.estimation.sweeps import Sweep, SweepAssembler
 from sesa2.imu.heading_filter import HeadingFilter
 from sesa2.imu.mounting import Mounting
-from sesa2.shape.joints import WARN_ANGLE, hold_x, joint_angles
+from sesa2.shape.joints import WARN_COSINE, JointAngles, hold_x, joint_angles
 from sesa2.shape.missing import fill_missing
 from sesa2.shape.model import Model
 from sesa2.shape.models import create_model
@@ -142,11 +142,19 @@ class Estimator:
 
     def _fit(self, configured: _Configured, orientations: FloatArray, base: FloatArray) -> ModelResult:
         backbone = configured.model.fit(orientations, base)
-        positions, there = backbone.positions(configured.s), backbone.orientations(configured.s)
+        links = backbone.link_orientations
+        positions, there = (
+            backbone.positions(configured.s),
+            backbone.orientations(configured.s[configured.n_ends - 1 :]),
+        )
+        # Where a link ends it is oriented as that link; the tip and the markers are asked for exactly.
+        there = np.concatenate([links[:, :1], links[:, :-1], there], axis=1)
         if not self._in_world and not self._base_is_world:
             to_base = conjugate(base)[:, None, :]
             positions, there = rotate(to_base, positions), multiply(to_base, there)
-        angles = self._angles(configured, backbone.link_orientations, base)
+        joints = joint_angles(links, base)
+        lowest = joints.cosine.min(axis=-1)
+        angles = self._without_jumps(configured, joints, lowest.min())
         n = configured.n_ends
         return ModelResult(
             joints=angles,
@@ -154,16 +162,16 @@ class Estimator:
             end_orientations=there[:, :n],
             markers=positions[:, n:],
             marker_orientations=there[:, n:],
-            near_singular=int(np.any(np.abs(angles[..., 1]) > WARN_ANGLE, axis=-1).sum()),
+            near_singular=np.count_nonzero(lowest < WARN_COSINE),
         )
 
     @staticmethod
-    def _angles(configured: _Configured, link_orientations: FloatArray, base: FloatArray) -> FloatArray:
-        joints = joint_angles(link_orientations, base)
+    def _without_jumps(configured: _Configured, joints: JointAngles, lowest: float) -> FloatArray:
+        """Joint angles of the sweeps in turn, each going on from the one before where a joint is singular."""
         angles = joints.angles
-        if joints.singular.any():
+        if lowest < WARN_COSINE and joints.singular.any():
             last = configured.angles if configured.angles is not None else np.zeros(angles.shape[1:])
             for i in range(len(angles)):
-                angles[i] = last = hold_x(type(joints)(angles[i], joints.singular[i]), last)
+                angles[i] = last = hold_x(JointAngles(angles[i], joints.cosine[i]), last)
         configured.angles = angles[-1]
         return angles

@@ -24,6 +24,8 @@ class Mounting:
         self._unturn = np.zeros((n, 4))
         self._unturn[:, 2] = np.sin(-0.5 * headings)
         self._unturn[:, 3] = np.cos(0.5 * headings)
+        # Most arms need none of the two, and a sweep should not pay for what it does not need.
+        self._mounted = not np.array_equal(np.abs(mountings[:, 3]), np.ones(n))
         self._turned = bool(np.any(headings != 0.0))
 
     def link_orientations(self, measured: FloatArray) -> FloatArray:
@@ -38,5 +40,5 @@ class Mounting:
         -------
         (..., n_imu, 4), q_WL, x y z w, unit norm.
         """
-        links = multiply(measured, self._unmount)
+        links = multiply(measured, self._unmount) if self._mounted else measured
         return multiply(self._unturn, links) if self._turned else links

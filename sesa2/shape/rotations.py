@@ -179,16 +179,52 @@ def slerp(a: ArrayLike, b: ArrayLike, t: ArrayLike) -> FloatArray:
     """
     a, b, t = np.asarray(a, dtype=float), np.asarray(b, dtype=float), np.asarray(t, dtype=float)
     b = np.where(np.einsum('...i,...i->...', a, b)[..., None] < 0.0, -b, b)
-    # The angle between a and b on the sphere, in [0, π/2], to full precision at both ends.
+    angle, sine, small = _between(a, b)
+    weight_a = np.where(small, 1.0 - t, np.sin((1.0 - t) * angle) / sine)
+    weight_b = np.where(small, t, np.sin(t * angle) / sine)
+    return weight_a[..., None] * a + weight_b[..., None] * b
+
+
+def slerp_along(stations: FloatArray, section: np.ndarray, fraction: FloatArray) -> FloatArray:
+    """Spherical linear interpolation from station to station at many places; what a section has is computed once.
+
+    Parameters
+    ----------
+    stations : (..., n + 1, 4)
+        unit quaternions, x y z w.
+    section : (m,)
+        between 0 and n − 1, the station before each place.
+    fraction : (m,)
+        0 at that station, 1 at the next.
+
+    Returns
+    -------
+    (..., m, 4), as `slerp` gives it.
+    """
+    a, b = stations[..., :-1, :], stations[..., 1:, :]
+    b = np.where(np.einsum('...i,...i->...', a, b)[..., None] < 0.0, -b, b)
+    angle, sine, small = _between(a, b)
+    here = angle.take(section, axis=-1)
+    weight_b = np.sin(fraction * here)
+    weight_a = np.sin((1.0 - fraction) * here)
+    if small.any():
+        close = small.take(section, axis=-1)
+        weight_b, weight_a = np.where(close, fraction, weight_b), np.where(close, 1.0 - fraction, weight_a)
+    a, b = a / sine[..., None], b / sine[..., None]
+    return weight_a[..., None] * a.take(section, axis=-2) + weight_b[..., None] * b.take(section, axis=-2)
+
+
+def _between(a: FloatArray, b: FloatArray) -> tuple[FloatArray, FloatArray, np.ndarray]:
+    """Angle on the sphere between quaternions of one sign, in [0, π/2] and precise at both ends; its sine.
+
+    Where the angle is small, sin(t · angle) / sin(angle) is t to the last digit, and the sine is given as 1.
+    """
     d, s = b - a, b + a
     angle = 2.0 * np.arctan2(
         np.sqrt(np.einsum('...i,...i->...', d, d)), np.sqrt(np.einsum('...i,...i->...', s, s))
     )
-    small = angle < 1e-7  # sin(t·angle)/sin(angle) is t to the last digit
-    sine = np.where(small, 1.0, np.sin(angle))
-    weight_a = np.where(small, 1.0 - t, np.sin((1.0 - t) * angle) / sine)
-    weight_b = np.where(small, t, np.sin(t * angle) / sine)
-    return weight_a[..., None] * a + weight_b[..., None] * b
+    small = angle < 1e-7
+    return angle, np.where(small, 1.0, np.sin(angle)), small
 
 
 def swing(a: ArrayLike, b: ArrayLike) -> FloatArray:
@@ -196,19 +232,22 @@ def swing(a: ArrayLike, b: ArrayLike) -> FloatArray:
 
     Parameters
     ----------
-    a, b : (..., 3)
-        unit vectors in the same frame.
+    a : (..., 3)
+        unit vectors.
+    b : (..., 3)
+        vectors of any length but zero, in the same frame.
 
     Returns
     -------
-    (..., 4), unit quaternions q with rotate(q, a) = b. Opposite vectors turn about some perpendicular axis.
+    (..., 4), unit quaternions q with rotate(q, a) along b. Opposite vectors turn about some perpendicular axis.
     """
     a, b = np.broadcast_arrays(np.asarray(a, dtype=float), np.asarray(b, dtype=float))
+    length = np.sqrt(np.einsum('...i,...i->...', b, b))
     out = np.empty((*a.shape[:-1], 4))
     out[..., :3] = cross(a, b)
-    out[..., 3] = 1.0 + np.einsum('...i,...i->...', a, b)
-    opposite = out[..., 3] < 1e-12
-    if np.any(opposite):
+    out[..., 3] = length + np.einsum('...i,...i->...', a, b)
+    opposite = out[..., 3] < 1e-12 * length
+    if opposite.any():
         axis = np.where(np.abs(a[..., :1]) < 0.9, cross(a, (1.0, 0.0, 0.0)), cross(a, (0.0, 1.0, 0.0)))
         out[opposite, :3] = axis[opposite]
         out[opposite, 3] = 0.0

@@ -7,7 +7,7 @@ import numpy as np
 from sesa2.shape.arm import Arm, GeometryError
 from sesa2.shape.chain import ChainModel
 from sesa2.shape.model import with_base
-from sesa2.shape.rotations import FloatArray, slerp
+from sesa2.shape.rotations import FloatArray, slerp_along
 
 
 class Pcc(ChainModel):
@@ -46,7 +46,5 @@ class Pcc(ChainModel):
 
     def _orient_links(self, orientations: FloatArray, base: FloatArray) -> FloatArray:
         stations = with_base(orientations, base)
-        start = stations.take(self._section, axis=-2)
-        end = orientations.take(self._section, axis=-2)
-        links = slerp(start, end, self._fraction)
+        links = slerp_along(stations, self._section, self._fraction)
         return np.concatenate([links, orientations[..., -1:, :]], axis=-2) if self._goes_on else links

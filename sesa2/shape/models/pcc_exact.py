@@ -12,7 +12,7 @@ from sesa2.shape.rotations import (
     conjugate,
     cross,
     multiply,
-    slerp,
+    slerp_along,
     tangent,
     to_rotation_vector,
 )
@@ -72,9 +72,7 @@ class Arcs(Curve):
     def orientations(self, s: ArrayLike) -> FloatArray:
         """See Backbone. Slerp from station to station."""
         section, fraction, _, _ = self._model.at(s)
-        return slerp(
-            self._stations.take(section, axis=-2), self._stations.take(section + 1, axis=-2), fraction
-        )
+        return slerp_along(self._stations, section, fraction)
 
 
 class PccExact(CurveModel):

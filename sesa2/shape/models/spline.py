@@ -6,7 +6,7 @@ from numpy.typing import ArrayLike
 from sesa2.shape.arm import Arm
 from sesa2.shape.curve import Curve, CurveModel
 from sesa2.shape.model import with_base
-from sesa2.shape.rotations import FloatArray, multiply, slerp, swing, tangent
+from sesa2.shape.rotations import FloatArray, multiply, slerp_along, swing, tangent
 
 
 class TangentSpline(Curve):
@@ -25,15 +25,13 @@ class TangentSpline(Curve):
     def orientations(self, s: ArrayLike) -> FloatArray:
         """See Backbone. Slerp from station to station (held past the last IMU), swung the least onto the curve."""
         _, values, section, fraction = self._model.at(s)
-        slerped = slerp(
-            self._stations.take(section, axis=-2), self._stations.take(section + 1, axis=-2), fraction
-        )
-        along = values @ self._tangents
-        norm = np.sqrt(np.einsum('...i,...i->...', along, along))[..., None]
+        slerped = slerp_along(self._stations, section, fraction)
+        axis, along = tangent(slerped), values @ self._tangents
         # Between opposite tangents the spline passes through zero, which points nowhere.
-        vanishes = norm < 1e-9
-        axis = tangent(slerped)
-        return multiply(swing(axis, np.where(vanishes, axis, along / np.where(vanishes, 1.0, norm))), slerped)
+        vanishes = np.einsum('...i,...i->...', along, along) < 1e-18
+        if vanishes.any():
+            along = np.where(vanishes[..., None], axis, along)
+        return multiply(swing(axis, along), slerped)
 
 
 class Spline(CurveModel):
