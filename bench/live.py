@@ -23,8 +23,8 @@ WARM_UP_S = 3.0
 def serve(port, seconds, out):
     """The system under test: bridge and estimator, with the time of every sweep's arrival and the processor time."""
     from sesa2.configuration import files
+    from sesa2.nodes.running import run
     from sesa2.nodes.serial_bridge import SerialBridge
-    from sesa2.nodes.system import run
 
     arrivals = {}
     publish = SerialBridge.on_data

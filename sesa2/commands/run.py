@@ -24,6 +24,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--loop', action='store_true', default=None, help='play the bag again and again')
     parser.add_argument('--clock', action='store_true', default=None, help="publish the bag's time on /clock")
     parser.add_argument('--record', metavar='BAG', help='record into this bag')
+    parser.add_argument('--viewer', action='store_true', help='show a page with the arm and a control panel')
     parser.add_argument('--duration', type=positive, metavar='S', help='end after this time, s')
 
 
@@ -31,9 +32,9 @@ def run(options: argparse.Namespace) -> int:
     """Run until Ctrl-C, SIGTERM, the end of the bag or the given time."""
     c = _override(load_config(options), options)
     with stop_on_signals() as stop:
-        from sesa2.nodes.system import run as run_system
+        from sesa2.nodes.running import run as run_system
 
-        run_system(c, stop, options.duration)
+        run_system(c, stop, options.duration, viewer=options.viewer)
     return 0
 
 

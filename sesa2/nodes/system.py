@@ -1,11 +1,10 @@
-"""The nodes that a configuration asks for, wired in one process: what `sesa2 run` does."""
+"""The nodes that a configuration asks for, wired in one process."""
 
-import threading
 import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from rclpy.node import Node
 from rclpy.parameter import Parameter
@@ -18,10 +17,14 @@ from sesa2.nodes.estimator import EstimatorNode
 from sesa2.nodes.parameters import overrides
 from sesa2.nodes.player import Player
 from sesa2.nodes.recorder import Recorder
-from sesa2.nodes.runtime import Spinner, ros
+from sesa2.nodes.runtime import Spinner
 from sesa2.nodes.serial_bridge import SerialBridge
 from sesa2.nodes.simulation import make_virtual_board
-from sesa2.nodes.status import Status
+
+_Node = TypeVar('_Node', bound=Node)
+
+# A Mega's boot loader takes up to 3 s before the firmware answers.
+_BOARD_PATIENCE_S = 5.0
 
 
 class System:
@@ -38,6 +41,8 @@ class System:
         those that run now.
     board
         the virtual board, where the source is `sim`.
+    configuration
+        of what runs, or ran last; None before the first start.
     """
 
     def __init__(self, spinner: Spinner):
@@ -45,6 +50,7 @@ class System:
         self._options: dict[str, Any] = {}
         self.nodes: list[Node] = []
         self.board: VirtualBoard | None = None
+        self.configuration: Configuration | None = None
 
     @property
     def failure(self) -> Sesa2Error | None:
@@ -64,6 +70,7 @@ class System:
         Sesa2Error
             one cannot start; then none runs.
         """
+        self.configuration = configuration
         try:
             if configuration.run.source == 'sim':
                 self.board = make_virtual_board(configuration)
@@ -75,6 +82,21 @@ class System:
         except Sesa2Error:
             self.stop()
             raise
+
+    def wait_for_board(self) -> None:
+        """Wait until the board streams, where there is one, or it is known that it will not.
+
+        Raises
+        ------
+        Sesa2Error
+            it will not; then nothing runs.
+        """
+        bridge, deadline = self.bridge, time.monotonic() + _BOARD_PATIENCE_S
+        while bridge and not (bridge.session.connected or bridge.finished or time.monotonic() > deadline):
+            time.sleep(0.02)
+        if failure := self.failure:
+            self.stop()
+            raise failure
 
     def stop(self) -> None:
         """End all nodes, the last started first."""
@@ -121,9 +143,22 @@ class System:
         return recorder.path
 
     @property
+    def estimator(self) -> EstimatorNode | None:
+        """The estimator, where one runs."""
+        return self._running(EstimatorNode)
+
+    @property
+    def bridge(self) -> SerialBridge | None:
+        """The serial bridge, where one runs."""
+        return self._running(SerialBridge)
+
+    @property
     def recorder(self) -> Recorder | None:
         """The recorder, where one runs."""
-        return next((node for node in self.nodes if isinstance(node, Recorder)), None)
+        return self._running(Recorder)
+
+    def _running(self, kind: type[_Node]) -> _Node | None:
+        return next((node for node in self.nodes if isinstance(node, kind)), None)
 
     def _keep(self, node: Node) -> None:
         self.nodes.append(node)
@@ -144,36 +179,3 @@ def _wanted(c: Configuration) -> list[Callable[..., Node]]:
             wanted.append(CalibrationNode)
         wanted.append(SerialBridge)
     return wanted
-
-
-def run(configuration: Configuration, stop: threading.Event, duration: float | None = None) -> None:
-    """Run until asked to stop, the end of the bag or the given time.
-
-    Parameters
-    ----------
-    configuration
-        says by its source, mode and files which nodes are wanted.
-    stop
-        set from outside, to end.
-    duration
-        s; None: no end.
-
-    Raises
-    ------
-    Sesa2Error
-        a node cannot start, or cannot go on.
-    """
-    ends = time.monotonic() + duration if duration else float('inf')
-    with ros([]), Spinner() as spinner:
-        system = System(spinner)
-        try:
-            system.start(configuration)
-            status = Status(configuration, system.nodes, system.board)
-            while not (stop.is_set() or system.finished or time.monotonic() > ends):
-                spinner.spin_once()
-                status.show_when_due()
-            if system.failure:
-                raise system.failure
-            status.show_summary()
-        finally:
-            system.stop()
