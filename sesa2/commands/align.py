@@ -1,7 +1,6 @@
 """`sesa2 align`: mountings and headings from a recording, written into a new configuration."""
 
 import argparse
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -69,19 +68,9 @@ def run(options: argparse.Namespace) -> int:
         sweeps.base[chosen],
         options.headings,
     )
-    options.out.write_text(files.dump(with_alignment(c, mountings, headings)), encoding='utf-8')
+    options.out.write_text(files.dump(c.with_alignment(mountings, headings)), encoding='utf-8')
     print(f'written to {options.out}')
     return 0
-
-
-def with_alignment(c: Configuration, mountings: FloatArray, headings: FloatArray) -> Configuration:
-    """The configuration with other mountings, (n_imu, 4), and headings, (n_imu,)."""
-    imus = replace(
-        c.imus,
-        mount_orientations=tuple(np.round(mountings, 9).ravel().tolist()),
-        headings=tuple(np.round(headings, 9).tolist()),
-    )
-    return replace(c, imus=imus)
 
 
 def _from_straight_pose(

@@ -1,7 +1,7 @@
 """What a configuration holds. Each field says its default, meaning and range; validation and ROS read them here."""
 
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass, field, fields, is_dataclass
+from dataclasses import asdict, dataclass, field, fields, is_dataclass, replace
 from typing import Any, get_type_hints
 
 import numpy as np
@@ -199,6 +199,15 @@ class Configuration:
     def frame_id(self) -> str:
         """Frame in which results are published."""
         return 'base_link' if self.arm.output_frame == 'base' else 'world'
+
+    def with_alignment(self, mountings: FloatArray, headings: FloatArray) -> 'Configuration':
+        """The same with other mountings q_LS, (n_imu, 4), and headings, (n_imu,), rad."""
+        imus = replace(
+            self.imus,
+            mount_orientations=tuple(np.round(mountings, 9).ravel().tolist()),
+            headings=tuple(np.round(headings, 9).tolist()),
+        )
+        return replace(self, imus=imus)
 
     def model_options(self, name: str) -> dict[str, Any]:
         """Options of a model: its own section where it has one, else the number of links of a curve."""

@@ -1,27 +1,33 @@
 """The estimator: orientations of the IMUs in; joint states, markers, tip and backbone of every model out."""
 
 import time
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
 import rclpy.node
 from geometry_msgs.msg import PoseArray, PoseStamped
 from nav_msgs.msg import Path
 from sensor_msgs.msg import Imu, JointState
 from std_msgs.msg import String
+from std_srvs.srv import Trigger
 from visualization_msgs.msg import MarkerArray
 
 from sesa2.configuration import files
 from sesa2.errors import Sesa2Error
 from sesa2.estimation.estimator import Estimate, Estimator
 from sesa2.estimation.sweeps import Sweep
+from sesa2.imu.alignment import align_straight
 from sesa2.messages.imu import read_imu
 from sesa2.messages.results import ResultMessages
 from sesa2.nodes.diagnostics import ERROR, OK, WARN, Diagnostics
 from sesa2.nodes.parameters import declare_configuration
 from sesa2.nodes.qos import ANY_STREAM, LATCHED, STREAM
 from sesa2.nodes.runtime import run_alone
+
+# What of the past `~/align` looks at: the arm was straight for so long.
+_POSE_NS = 3_000_000_000
 
 _CLASSES = {
     'joint_states': JointState,
@@ -58,7 +64,7 @@ class EstimatorNode(rclpy.node.Node):
             for topic in self._messages.topics
         ]
         self._configuration_publisher = self.create_publisher(String, 'configuration', LATCHED)
-        self._configuration_publisher.publish(String(data=files.dump(self.configuration)))
+        self._publish_configuration()
 
         imus = self.configuration.imus
         self._ids = [*imus.ids, imus.base_id] if imus.base_id else list(imus.ids)
@@ -75,6 +81,8 @@ class EstimatorNode(rclpy.node.Node):
         self._near_singular = Counter[str]()
         self._last_report = (time.monotonic(), Counter[int](), 0)
         self._last_arrival = time.monotonic()
+        self._recent: deque[Sweep] = deque()
+        self._align_service = self.create_service(Trigger, '~/align', self._align)
         self._watchdog = self.create_timer(self.configuration.sweep_timeout, self._close_overdue)
         self._diagnostics = Diagnostics(self, 'arm', self._report)
 
@@ -101,6 +109,9 @@ class EstimatorNode(rclpy.node.Node):
                 self._publish(sweep)
 
     def _publish(self, sweep: Sweep) -> None:
+        self._recent.append(sweep)
+        while sweep.stamp_ns - self._recent[0].stamp_ns > _POSE_NS:
+            self._recent.popleft()
         estimate = self._estimator.estimate([sweep])
         for topic, publisher in self._topics:
             if topic.name.endswith('/marker_array') and not publisher.get_subscription_count():
@@ -110,6 +121,40 @@ class EstimatorNode(rclpy.node.Node):
         self.n_sweeps += 1
         for name, result in estimate.models.items():
             self._near_singular[name] += result.near_singular
+
+    def _align(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        """`~/align`: the arm has been straight for some seconds; take the mountings from that, and use them at once."""
+        del request
+        sweeps = list(self._recent)
+        if not sweeps:
+            response.message = 'no sweep has been measured yet'
+            return response
+        c = self.configuration
+        try:
+            found = align_straight(
+                np.stack([s.orientations for s in sweeps]),
+                np.stack([s.measured for s in sweeps]),
+                self._estimator.bases(sweeps),
+                c.mountings,
+                c.headings,
+                ids=c.imus.ids,
+            )
+        except Sesa2Error as error:
+            response.message = str(error)
+            return response
+        self.configuration = c.with_alignment(found.mountings, found.headings)
+        self._estimator = Estimator(self.configuration)
+        self._publish_configuration()
+        tilts = np.rad2deg(np.linalg.norm(found.corrections[:, :2], axis=1))
+        response.success = True
+        response.message = 'mountings corrected by ' + ', '.join(
+            f'{tilt:.1f}° (IMU {i})' for i, tilt in zip(c.imus.ids, tilts, strict=True)
+        )
+        response.message += '; the topic configuration has them, to be saved in a file'
+        return response
+
+    def _publish_configuration(self) -> None:
+        self._configuration_publisher.publish(String(data=files.dump(self.configuration)))
 
     def _report(self) -> list[tuple[str, bytes, str, dict[str, Any]]]:
         now, before = time.monotonic(), self._last_report

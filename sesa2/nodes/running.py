@@ -67,7 +67,8 @@ def _spin(spinner: Spinner, system: System, ended: Callable[[], bool]) -> None:
     while not ended():
         spinner.spin_once()
         status.show_when_due()
-    status.show_summary()
+    if not system.failure:
+        status.show_summary()
 
 
 @contextmanager

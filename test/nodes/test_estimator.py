@@ -11,6 +11,7 @@ from nav_msgs.msg import Path
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import Imu, JointState
 from std_msgs.msg import String
+from std_srvs.srv import Trigger
 from visualization_msgs.msg import MarkerArray
 
 from sesa2.configuration import ConfigurationError, files
@@ -18,7 +19,7 @@ from sesa2.messages.imu import ImuMessages
 from sesa2.nodes.estimator import EstimatorNode
 from sesa2.nodes.qos import LATCHED, STREAM
 from sesa2.shape.models import create_model
-from sesa2.shape.rotations import conjugate, multiply, normalize
+from sesa2.shape.rotations import conjugate, from_rotation_vector, multiply, normalize
 
 VALUES = {
     'arm': {'length': 0.3},
@@ -181,3 +182,28 @@ def test_parameters_are_described_ranged_and_read_only(graph, node):
     [result] = node.set_parameters([Parameter('arm.length', rclpy.Parameter.Type.DOUBLE, 0.4)])
     assert not result.successful
     assert 'read-only' in result.reason
+
+
+def test_align_takes_the_mountings_from_the_straight_arm(graph, node):
+    tips = graph.listen(PoseStamped, 'pcc/tip', STREAM)
+    configurations = graph.listen(String, 'configuration', LATCHED)
+    answer = graph.call(Trigger, 'estimator/align', Trigger.Request())
+    assert not answer.success
+    assert 'no sweep' in answer.message
+    sensors = Sensors(graph, (2, 5))
+    tilted = multiply(from_rotation_vector([0.0, np.deg2rad(2.0), 0.0]), [0.6, 0.0, 0.0, 0.8])
+    for k in range(40):
+        sensors.say(2, T0 + 10 * k * MS, [0.6, 0.0, 0.0, 0.8])
+        sensors.say(5, T0 + 10 * k * MS + MS, tilted)
+        graph.until(lambda n=k + 1: len(tips) == n, 'a result')
+    assert abs(tips[-1].pose.position.x) > 0.002
+    answer = graph.call(Trigger, 'estimator/align', Trigger.Request())
+    assert answer.success, answer.message
+    assert '2.0° (IMU 5)' in answer.message
+    sensors.say(2, T0 + 1000 * MS, [0.6, 0.0, 0.0, 0.8])
+    sensors.say(5, T0 + 1001 * MS, tilted)
+    graph.until(lambda: len(tips) == 41, 'a result after aligning')
+    np.testing.assert_allclose(xyz(tips[-1].pose.position), [0.0, 0.0, 0.3], atol=1e-6)
+    graph.until(lambda: len(configurations) == 2, 'the new configuration')
+    written = files.parse(configurations[-1].data, 'topic')
+    np.testing.assert_allclose(written.mountings, node.configuration.mountings, atol=1e-8)
