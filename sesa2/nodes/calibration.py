@@ -15,7 +15,7 @@ from sesa2.imu.offsets import Offsets, OffsetsError, load_offsets, save_offsets
 from sesa2.imu.scores import Scores
 from sesa2.nodes.diagnostics import ERROR, OK, WARN, Diagnostics
 from sesa2.nodes.parameters import declare_configuration
-from sesa2.nodes.qos import LATCHED
+from sesa2.nodes.qos import EVERY_LATCHED
 from sesa2.nodes.runtime import run_alone
 
 
@@ -48,7 +48,7 @@ class CalibrationNode(rclpy.node.Node):
         self._failure = ''
         self._subscriptions_of_imus = [
             self.create_subscription(
-                ImuCalibration, f'imu_{i}/calibration', functools.partial(self._take, i), LATCHED
+                ImuCalibration, f'imu_{i}/calibration', functools.partial(self._take, i), EVERY_LATCHED
             )
             for i in self._ids
         ]
