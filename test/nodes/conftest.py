@@ -34,6 +34,14 @@ class Graph:
         self.executor.add_node(node)
         return node
 
+    def remove(self, node):
+        """End a node."""
+        self.nodes.remove(node)
+        if hasattr(node, 'close'):
+            node.close()
+        self.executor.remove_node(node)
+        node.destroy_node()
+
     def until(self, condition: Callable[[], object], what: str = ''):
         """Spin until the condition holds."""
         deadline = time.monotonic() + PATIENCE_S
@@ -89,10 +97,8 @@ class Graph:
         return future.result()
 
     def close(self):
-        for node in reversed(self.nodes):
-            if hasattr(node, 'close'):
-                node.close()
-            node.destroy_node()
+        while self.nodes:
+            self.remove(self.nodes[-1])
         self.executor.shutdown()
 
 
