@@ -1,6 +1,7 @@
 """The calibration node: keeps the chips' offsets in a YAML file, and says what to do next."""
 
 import functools
+import os
 from pathlib import Path
 from typing import Any
 
@@ -10,11 +11,11 @@ from std_srvs.srv import Trigger
 
 from sesa2.configuration import ConfigurationError, Mistake
 from sesa2.errors import Sesa2Error
-from sesa2.imu.offsets import Offsets, save_offsets
+from sesa2.imu.offsets import Offsets, OffsetsError, load_offsets, save_offsets
 from sesa2.imu.scores import Scores
-from sesa2.nodes.diagnostics import OK, WARN, Diagnostics
+from sesa2.nodes.diagnostics import ERROR, OK, WARN, Diagnostics
 from sesa2.nodes.parameters import declare_configuration
-from sesa2.nodes.qos import LATCHED
+from sesa2.nodes.qos import EVERY_LATCHED
 from sesa2.nodes.runtime import run_alone
 
 
@@ -37,6 +38,7 @@ class CalibrationNode(rclpy.node.Node):
                 [Mistake('calibration.file', 'is empty, expected the file to keep offsets in')], 'calibration'
             )
         self._file = Path(self.configuration.calibration.file)
+        self._check_file()
         self._fusion = self.configuration.serial.fusion
         imus = self.configuration.imus
         self._ids = [*imus.ids, imus.base_id] if imus.base_id else list(imus.ids)
@@ -46,12 +48,21 @@ class CalibrationNode(rclpy.node.Node):
         self._failure = ''
         self._subscriptions_of_imus = [
             self.create_subscription(
-                ImuCalibration, f'imu_{i}/calibration', functools.partial(self._take, i), LATCHED
+                ImuCalibration, f'imu_{i}/calibration', functools.partial(self._take, i), EVERY_LATCHED
             )
             for i in self._ids
         ]
         self._service = self.create_service(Trigger, '~/save', self._save_all)
         self._diagnostics = Diagnostics(self, 'calibration file', self._report)
+
+    def _check_file(self) -> None:
+        """Refuse a file that could not be kept, before somebody calibrates for it."""
+        folder = self._file.resolve().parent
+        if not os.access(folder, os.W_OK | os.X_OK):
+            why = 'may not be written into' if folder.is_dir() else 'is not there'
+            raise OffsetsError(f'{self._file}: offsets cannot be saved: the folder {folder} {why}')
+        if self._file.exists():
+            load_offsets(self._file, ())
 
     def _take(self, imu: int, message: ImuCalibration) -> None:
         scores = Scores(message.sys, message.gyro, message.accel, message.mag)
@@ -110,7 +121,7 @@ class CalibrationNode(rclpy.node.Node):
                 (f'imu_{imu}', OK if imu in self.saved else WARN, f'{step}; {saved}', {'saved': saved})
             )
         if self._failure:
-            parts.append((str(self._file), WARN, self._failure, {}))
+            parts.append((str(self._file), ERROR, self._failure, {}))
         return parts
 
 

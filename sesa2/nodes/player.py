@@ -13,6 +13,7 @@ from sesa2.bags.reading import ImuRecording, Sample
 from sesa2.bags.recording import open_recording
 from sesa2.configuration import ConfigurationError, Mistake
 from sesa2.errors import Sesa2Error
+from sesa2.estimation.sweeps import RESET_NS
 from sesa2.nodes.diagnostics import OK, Diagnostics
 from sesa2.nodes.parameters import declare_configuration
 from sesa2.nodes.qos import STREAM
@@ -109,15 +110,21 @@ class Player(rclpy.node.Node):
 
     def _paced(self) -> Iterator[tuple[Sample, float]]:
         """Each sample after the start, and how long to wait before it, s."""
-        first_ns = None
+        first_ns = newest_ns = None
         skip_ns = round(self._run.start * _NS)
         began = time.monotonic()
         for sample in self._imus.samples():
             if first_ns is None:
-                first_ns = sample.stamp_ns
-            elapsed_ns = sample.stamp_ns - first_ns - skip_ns
-            if elapsed_ns >= 0:
-                yield sample, began + elapsed_ns / _NS / self._run.rate - time.monotonic()
+                first_ns = newest_ns = sample.stamp_ns + skip_ns
+            elif sample.stamp_ns < newest_ns - RESET_NS and not skip_ns:
+                first_ns = newest_ns = sample.stamp_ns  # a new beginning, as of a bag that was looped
+                began = time.monotonic()
+            if sample.stamp_ns >= first_ns:
+                skip_ns = 0
+            if not skip_ns:
+                newest_ns = max(newest_ns, sample.stamp_ns)
+                elapsed_s = (sample.stamp_ns - first_ns) / _NS
+                yield sample, began + elapsed_s / self._run.rate - time.monotonic()
 
     def _publish_clock(self, stamp_ns: int) -> None:
         if self._clock_publisher and abs(stamp_ns - self._clock_ns) >= _CLOCK_PERIOD_NS:

@@ -18,7 +18,7 @@ from sesa2.errors import Sesa2Error
 from sesa2.messages.results import TYPES
 from sesa2.nodes.diagnostics import OK, WARN, Diagnostics
 from sesa2.nodes.parameters import declare_configuration
-from sesa2.nodes.qos import ANY_STREAM, LATCHED, STREAM
+from sesa2.nodes.qos import ANY_STREAM, EVERY_LATCHED, STREAM
 from sesa2.nodes.runtime import run_alone
 
 # Half a second is the most that a kill may cost, and a little.
@@ -63,7 +63,9 @@ class Recorder(rclpy.node.Node):
         for i in ids:
             if c.record.imu:
                 self._subscribe(Imu, 'sensor_msgs/msg/Imu', f'imu_{i}/data', qos)
-            self._subscribe(ImuCalibration, 'sesa2_msgs/msg/ImuCalibration', f'imu_{i}/calibration', LATCHED)
+            self._subscribe(
+                ImuCalibration, 'sesa2_msgs/msg/ImuCalibration', f'imu_{i}/calibration', EVERY_LATCHED
+            )
         if c.record.results:
             for model in c.models:
                 for kind, cls in _RESULTS.items():
@@ -80,7 +82,7 @@ class Recorder(rclpy.node.Node):
         return self.resolve_topic_name(topic)
 
     def _subscribe(self, kind: type, type_name: str, topic: str, qos: Any) -> None:
-        number = self._bag.add_topic(self._absolute(topic), type_name, latched=qos is LATCHED)
+        number = self._bag.add_topic(self._absolute(topic), type_name, latched=qos is EVERY_LATCHED)
         self.create_subscription(kind, topic, functools.partial(self._write, number), qos, raw=True)
 
     def _write(self, number: int, data: bytes) -> None:

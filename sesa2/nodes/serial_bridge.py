@@ -155,18 +155,25 @@ class SerialBridge(rclpy.node.Node):
 
     def _take_scores(self, imu: int, scores: Scores) -> None:
         before, self._scores[imu] = self._scores.get(imu), scores
+        # The fusion has moved on: what was read before is not what it uses at these scores, and not to be saved as such.
+        self._offsets.pop(imu, None)
         fusion = self.configuration.serial.fusion
         newly = scores.complete(fusion) and not (before and before.complete(fusion))
         if newly and self.configuration.run.mode == 'calibrate':
             self.session.submit(functools.partial(self._learn, imu)).add_done_callback(self._tell_failure)
         self._publish_calibration(imu)
 
+    def _read(self, imu: int, board: Board) -> Offsets:
+        """Read a chip's offsets and publish them."""
+        offsets = board.read_offsets(imu)
+        self.on_offsets(imu, offsets)
+        return offsets
+
     def _learn(self, imu: int, board: Board) -> None:
         """Read a chip's offsets, and have the board give it these again after a comeback."""
-        offsets = board.read_offsets(imu)
+        offsets = self._read(imu, board)
         board.write_offsets(imu, offsets)
         self._saved[imu] = offsets
-        self.on_offsets(imu, offsets)
 
     def _tell_failure(self, future: 'Future[None]') -> None:
         if error := future.exception():
@@ -178,11 +185,11 @@ class SerialBridge(rclpy.node.Node):
         """`~/read_offsets`: read the offsets of every chip and publish them."""
         del request
         deadline = time.monotonic() + _OFFSETS_PATIENCE_S
-        reading = {i: self.session.submit(functools.partial(Board.read_offsets, imu_id=i)) for i in self._ids}
+        reading = {i: self.session.submit(functools.partial(self._read, i)) for i in self._ids}
         failed = []
         for i, future in reading.items():
             try:
-                self.on_offsets(i, future.result(max(0.0, deadline - time.monotonic())))
+                future.result(max(0.0, deadline - time.monotonic()))
             except FutureTimeoutError:  # of its own kind until Python 3.11
                 failed.append(f'IMU {i}: no answer within {_OFFSETS_PATIENCE_S:g} s')
             except Sesa2Error as error:

@@ -2,17 +2,23 @@
 
 import time
 from collections.abc import Callable
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 
 import pytest
 import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
+from rcl_interfaces.msg import Log
 from rclpy.experimental.events_executor import EventsExecutor
+from rclpy.qos import DurabilityPolicy, QoSProfile
 
 from sesa2.configuration import validate
+from sesa2.link.virtual.board import VirtualBoard
 from sesa2.nodes.parameters import overrides
 
 # Long enough for a slow machine; reached only by a test that fails.
 PATIENCE_S = 60.0
+# Logs are latched: a line that was said before the two knew each other is heard too.
+LOGS = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
 class Graph:
@@ -27,6 +33,14 @@ class Graph:
         self.nodes.append(node)
         self.executor.add_node(node)
         return node
+
+    def remove(self, node):
+        """End a node."""
+        self.nodes.remove(node)
+        if hasattr(node, 'close'):
+            node.close()
+        self.executor.remove_node(node)
+        node.destroy_node()
 
     def until(self, condition: Callable[[], object], what: str = ''):
         """Spin until the condition holds."""
@@ -63,6 +77,18 @@ class Graph:
 
         self.until(all_know, f'both sides of {", ".join(topics)}')
 
+    def diagnosis(self):
+        """What all nodes say about their parts from now on, those too that are yet to come."""
+        messages = []
+        self.probe.create_subscription(DiagnosticArray, '/diagnostics', messages.append, 10)
+        return Diagnosis(messages)
+
+    def listen_to_logs(self):
+        """What all nodes log from now on, those too that are yet to come."""
+        messages = []
+        self.probe.create_subscription(Log, '/rosout', messages.append, LOGS)
+        return messages
+
     def call(self, kind, name, request):
         client = self.probe.create_client(kind, name)
         self.until(client.service_is_ready, f'service {name}')
@@ -71,11 +97,29 @@ class Graph:
         return future.result()
 
     def close(self):
-        for node in reversed(self.nodes):
-            if hasattr(node, 'close'):
-                node.close()
-            node.destroy_node()
+        while self.nodes:
+            self.remove(self.nodes[-1])
         self.executor.shutdown()
+
+
+class Diagnosis:
+    """Statuses as they were published."""
+
+    def __init__(self, messages):
+        self._messages = messages
+
+    def of(self, name):
+        """All of one part so far, as (level, message, values)."""
+        return [
+            (status.level, status.message, {v.key: v.value for v in status.values})
+            for array in self._messages
+            for status in array.status
+            if status.name == name
+        ]
+
+    def latest(self, name):
+        """The newest of one part; None before the first."""
+        return next(reversed(self.of(name)), None)
 
 
 @contextmanager
@@ -90,7 +134,15 @@ def ros_graph():
 
 
 @pytest.fixture
-def graph():
+def boards():
+    """Makes virtual boards, which end with the test."""
+    with ExitStack() as stack:
+        yield lambda *arguments, **options: stack.enter_context(VirtualBoard(*arguments, **options))
+
+
+@pytest.fixture
+def graph(boards):
+    # After the nodes, so that no bridge loses its board at the end.
     with ros_graph() as one:
         yield one
 
