@@ -1,4 +1,4 @@
-"""What the viewer hears on the graph. Streams are fetched thirty times a second, and only their newest message is read."""
+"""What the viewer hears on the graph; of streams only the newest message is read, thirty times a second."""
 
 import time
 from collections.abc import Callable

@@ -2,7 +2,7 @@
 
 import threading
 from collections.abc import Callable
-from dataclasses import asdict
+from itertools import count
 from typing import Any
 
 import viser
@@ -79,17 +79,19 @@ class Form:
         self._lock = threading.RLock()
         self._contents: list[Any] = []
         self._fields: list[Field] = []
-        self._elsewhere: list[Mistake] = []
+        self._imu_rows: list[tuple[viser.GuiFolderHandle, Field, Field, Field]] = []
         self.mistakes: tuple[Mistake, ...] = ()
         self.changed: Callable[[], None] = lambda: None
 
     def fill_in(self, c: Configuration) -> None:
         """Show this configuration instead of what stands there."""
         with self._lock:
+            if self.check() == c:
+                return  # nothing new, and somebody may be typing
             for item in self._contents:
                 item.remove()
-            self._fields, self._contents = [], []
-            self._flat = {path: value for path, value in c.flat().items()}
+            self._fields, self._contents, self._imu_rows = [], [], []
+            self._flat = c.flat()
             with self._run_tab:
                 self._add_folders(_RUN)
             with self._arm_tab:
@@ -106,6 +108,11 @@ class Form:
     def check(self) -> Configuration | None:
         """Validate what stands there, and show each mistake beside its field; None where there is one."""
         with self._lock:
+            if not self._fields:
+                self.mistakes = (
+                    Mistake('', 'nothing is in the form yet; load a configuration in the tab File'),
+                )
+                return None
             flat: dict[str, Any] = {}
             for field in self._fields:
                 field.write(flat)
@@ -127,6 +134,8 @@ class Form:
 
     def _change(self) -> None:
         self.check()
+        for folder, id_, position, enabled in self._imu_rows:
+            _set_label(folder, id_.value, position.value, enabled.value)
         self.changed()
 
     def _add_folders(self, folders: dict[str, dict[str, str]]) -> None:
@@ -167,17 +176,22 @@ class Form:
                 self._add(f'markers.positions[{i}]', 'at [m]', position),
             ]
 
-        rows = [(name, s) for name, s in zip(c.markers.names, c.markers.positions, strict=True)]
-        self._add_rows(folder, 'marker', rows, row, lambda i: (f'M{i + 1}', 0.5 * c.arm.length), least=0)
+        def another() -> tuple[Any, ...]:
+            used = {f.value for f in self._fields if f.path == 'markers.names'}
+            return next(name for i in count(1) if (name := f'M{i}') not in used), 0.5 * c.arm.length
+
+        rows = list(zip(c.markers.names, c.markers.positions, strict=True))
+        self._add_rows(folder, 'marker', rows, row, another, least=0)
 
     def _add_imus(self, c: Configuration) -> None:
         folder = self._gui.add_folder(None)
         self._contents.append(folder)
 
         def row(i: int, *values: Any) -> list[Any]:
-            one = self._gui.add_folder(f'IMU {values[0]}', expand_by_default=False)
+            id_, position, enabled, links, mounting, heading = values
+            one = self._gui.add_folder('', expand_by_default=False)
+            _set_label(one, id_, position, enabled)
             with one:
-                id_, position, enabled, links, mounting, heading = values
                 fields = [
                     self._add(f'imus.ids[{i}]', 'id (channel + 1)', id_),
                     self._add(f'imus.positions[{i}]', 'at [m]', position),
@@ -186,6 +200,7 @@ class Form:
                     self._add(f'imus.mount_orientations[{4 * i}:{4 * i + 4}]', 'mounting xyzw', mounting),
                     self._add(f'imus.headings[{i}]', 'heading [rad]', heading),
                 ]
+            self._imu_rows.append((one, *fields[:3]))
             return [*fields, one]
 
         rows = [
@@ -201,7 +216,7 @@ class Form:
             )
         ]
 
-        def further(n: int) -> tuple[Any, ...]:
+        def further() -> tuple[Any, ...]:
             used = {f.value for f in self._fields if f.path == 'imus.ids'}
             free = next((i for i in range(1, 9) if i not in used), 8)
             return free, c.arm.length, True, 2, (0.0, 0.0, 0.0, 1.0), 0.0
@@ -214,7 +229,7 @@ class Form:
         what: str,
         rows: list[tuple[Any, ...]],
         make: Callable[..., list[Any]],
-        further: Callable[[int], tuple[Any, ...]],
+        further: Callable[[], tuple[Any, ...]],
         least: int,
     ) -> None:
         """Rows of a table, and buttons for one more and for one less at its end."""
@@ -228,13 +243,20 @@ class Form:
             with self._lock:
                 if buttons.value == 'add':
                     with folder:
-                        made.append(make(len(made), *further(len(made))))
+                        made.append(make(len(made), *further()))
                 elif len(made) > least:
                     for item in made.pop():
                         if isinstance(item, Field):
                             self._fields.remove(item)
+                        self._imu_rows = [row for row in self._imu_rows if row[0] is not item]
                         item.remove()
                 self._change()
+
+
+def _set_label(folder: viser.GuiFolderHandle, id_: Any, position: Any, enabled: bool) -> None:
+    label = f'IMU {id_} at {position} m' + ('' if enabled else ', off')
+    if folder.label != label:
+        folder.label = label
 
 
 def _shorten(flat: dict[str, Any]) -> None:

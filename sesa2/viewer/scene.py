@@ -274,5 +274,5 @@ _MISSING = np.full(4, np.nan)
 
 
 def _wxyz(q: FloatArray) -> FloatArray:
-    """viser's order of components, scalar first."""
+    """The order of components that viser wants, scalar first."""
     return q[..., [3, 0, 1, 2]]

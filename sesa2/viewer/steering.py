@@ -10,7 +10,10 @@ class SteeringError(Sesa2Error):
 
 
 class Steering(Protocol):
-    """Each call waits for the answer, a sentence for the user, and raises SteeringError with the reason of a failure."""
+    """Starts, stops and asks.
+
+    Each call waits for the answer, a sentence for the user, and raises SteeringError with the reason of a failure.
+    """
 
     @property
     def available(self) -> bool:
