@@ -57,7 +57,7 @@ def robot_description(
     _join(robot, 'world_to_base', 'fixed', 'world', 'base_link', rpy=_rpy(np.asarray(base, dtype=float)))
 
     ends = [float(s) for s in link_ends]
-    lengths = [end - start for start, end in zip(ends, ends[1:], strict=False)]
+    lengths = np.diff(ends).tolist()
     parent, offset = 'base_link', 0.0
     for link, length in zip(links, lengths, strict=True):
         for axis, child in (('x', f'{link}_after_x'), ('z', f'{link}_after_z'), ('y', link)):

@@ -12,7 +12,7 @@ from sesa2.imu.mounting import Mounting
 from sesa2.shape.models import create_model
 from sesa2.shape.rotations import FloatArray, conjugate, multiply, rotate
 from sesa2.viewer.live import Live
-from sesa2.viewer.tube import tube_faces, tube_vertices
+from sesa2.viewer.tube import SIDES, tube_faces, tube_vertices
 
 Colour = tuple[int, int, int]
 
@@ -41,10 +41,13 @@ class Scene:
     ----------
     server
         the page's.
+    imus
+        whether the IMUs' axes are drawn.
     """
 
-    def __init__(self, server: viser.ViserServer):
+    def __init__(self, server: viser.ViserServer, imus: bool = True):
         self._server = server
+        self._with_imus = imus
         self._scene = server.scene
         self._configuration: Configuration | None = None
         self.shown: dict[str, bool] = {}
@@ -61,6 +64,7 @@ class Scene:
         before, self._configuration = self._configuration, c
         self.shown = {name: self.shown.get(name, True) for name in c.models}
         self._tubes: dict[str, viser.MeshHandle] = {}
+        self._drawn: set[str] = set()
         self._ghost: viser.MeshHandle | None = None
         self._markers: viser.BatchedMeshHandle | None = None
         self._truth_markers: viser.BatchedMeshHandle | None = None
@@ -75,6 +79,8 @@ class Scene:
             if before is not None:
                 self._scene.remove_by_name('/arm')
             self._add_surroundings(c)
+            for name in c.models:
+                self._add_tube(name, len(self._link_ends[name]), c.arm.radius)
         if before is None or before.arm != c.arm:
             self._look_at(c)
 
@@ -88,10 +94,11 @@ class Scene:
             self._base_axes.wxyz = _wxyz(base)
             self._arm.wxyz = _wxyz(base) if c.frame_id == 'base_link' else (1.0, 0.0, 0.0, 0.0)
             for name, backbone in live.backbones.items():
-                if name in self._colours and len(backbone) > 1:
+                if name in self._tubes and len(backbone) > 1:
                     self._draw_tube(name, backbone, c.arm.radius)
             self._draw_markers(c, live)
-            self._draw_imus(c, live, base)
+            if self._with_imus:
+                self._draw_imus(c, live, base)
             self._draw_truth(c, live)
         self._server.flush()
 
@@ -99,14 +106,25 @@ class Scene:
         """Show or hide a model's tube and markers."""
         self.shown[model] = visible
         for name, tube in self._tubes.items():
-            tube.visible, tube.opacity = self.shown[name], self._nesting(name)[1]
+            tube.visible = self.shown[name] and name in self._drawn
+            _, tube.opacity, cage = self._nesting(name)
+            tube.faces = tube_faces(self._points(name), cage)
 
-    def _nesting(self, model: str) -> tuple[float, float | None]:
-        """Part of the arm's radius, and opacity: tubes that lie in one another are all seen, the innermost is solid."""
+    def _points(self, model: str) -> int:
+        return (len(self._tubes[model].vertices) - 2) // SIDES
+
+    def _nesting(self, model: str) -> tuple[float, float | None, bool]:
+        """Part of the arm's radius, opacity, and whether as a cage: models lie in one another, and all are to be seen.
+
+        The innermost is solid, the one about it translucent; browsers do not sort two translucent ones, so those further
+        out are cages.
+        """
         nested = [name for name, shown in self.shown.items() if shown]
-        depth = nested.index(model) if model in nested else 0
         last = len(nested) - 1
-        return (1.0, None) if last < 1 else (1.0 - 0.6 * depth / last, None if depth == last else 0.4)
+        if last < 1 or model not in nested:
+            return 1.0, None, False
+        depth = nested.index(model)
+        return 1.0 - 0.6 * depth / last, 0.4 if depth == last - 1 else None, depth < last - 1
 
     def _add_surroundings(self, c: Configuration) -> None:
         r, n = c.arm.radius, len(c.imus.ids)
@@ -164,21 +182,30 @@ class Scene:
         measured = live.sensors.get(c.imus.base_id) if c.imus.base_id else None
         return c.base if measured is None else self._base_mounting.link_orientations(measured[None, :])[0]
 
+    def _add_tube(self, name: str, n: int, radius: float) -> None:
+        """A tube of n points, hidden until it is known how it lies."""
+        _, opacity, cage = self._nesting(name)
+        straight = np.zeros((n, 7))
+        straight[:, 2], straight[:, 6] = np.linspace(0.0, radius, n), 1.0
+        self._tubes[name] = self._scene.add_mesh_simple(
+            f'/arm/{name}',
+            tube_vertices(straight, radius),
+            tube_faces(n, cage),
+            color=self._colours[name],
+            side='double',
+            opacity=opacity,
+            visible=False,
+        )
+
     def _draw_tube(self, name: str, backbone: FloatArray, radius: float) -> None:
-        part, opacity = self._nesting(name)
-        vertices = tube_vertices(backbone, part * radius)
-        tube = self._tubes.get(name)
-        if tube is None or len(tube.vertices) != len(vertices):
-            self._tubes[name] = self._scene.add_mesh_simple(
-                f'/arm/{name}',
-                vertices,
-                tube_faces(len(backbone)),
-                color=self._colours[name],
-                opacity=opacity,
-                visible=self.shown[name],
-            )
-        else:
-            tube.vertices = vertices.astype(np.float32)
+        vertices = tube_vertices(backbone, self._nesting(name)[0] * radius)
+        if len(self._tubes[name].vertices) != len(vertices):  # an estimator with another configuration
+            self._add_tube(name, len(backbone), radius)
+            self._drawn.discard(name)
+        self._tubes[name].vertices = vertices.astype(np.float32)
+        if name not in self._drawn:
+            self._drawn.add(name)
+            self._tubes[name].visible = self.shown[name]
 
     def _draw_markers(self, c: Configuration, live: Live) -> None:
         shown = [live.markers[name] for name in c.models if self.shown[name] and name in live.markers]

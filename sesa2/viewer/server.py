@@ -30,6 +30,11 @@ class PageServer(viser.ViserServer):
         """Any client can ask for a tunnel through a public server; none gets one."""
         del verbose
 
+    def stop(self) -> None:
+        """Stop listening, without a word on the terminal."""
+        with contextlib.redirect_stdout(io.StringIO()):
+            super().stop()
+
 
 def open_server(host: str = LOOPBACK, port: int = 8080) -> PageServer:
     """Listen on a port.

@@ -4,7 +4,8 @@ import numpy as np
 
 from sesa2.shape.rotations import FloatArray, cross, rotate
 
-SIDES = 14
+SIDES = 16
+_BAR_EVERY = 4  # sides, of a cage
 _ROUND = 2.0 * np.pi * np.arange(SIDES) / SIDES
 _COSINE, _SINE = np.cos(_ROUND)[:, None], np.sin(_ROUND)[:, None]
 _X, _Y = np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])
@@ -44,14 +45,28 @@ def _unit(v: FloatArray) -> FloatArray:
     return v / np.where(norm > 0.0, norm, 1.0)[:, None]
 
 
-def tube_faces(n: int) -> np.ndarray:
-    """Triangles of a tube about n points: (2 · SIDES · n, 3), indices into the vertices, seen from outside."""
-    side = np.arange(SIDES)
+def tube_faces(n: int, cage: bool = False) -> np.ndarray:
+    """Triangles of a tube about n points.
+
+    Parameters
+    ----------
+    n
+        number of points.
+    cage
+        only bars along the arm, so that one sees what is inside.
+
+    Returns
+    -------
+    (n_triangles, 3), indices into the vertices, counter-clockwise from outside.
+    """
+    side = np.arange(0, SIDES, _BAR_EVERY if cage else 1)
     after = (side + 1) % SIDES
     ring = SIDES * np.arange(n - 1)[:, None]
     a, b = ring + side, ring + after
     c, d = a + SIDES, b + SIDES
     walls = np.concatenate([np.stack([a, b, d], axis=-1), np.stack([a, d, c], axis=-1)]).reshape(-1, 3)
+    if cage:
+        return walls
     last = SIDES * (n - 1)
     bottom = np.stack([after, side, np.full(SIDES, SIDES * n)], axis=-1)
     top = np.stack([last + side, last + after, np.full(SIDES, SIDES * n + 1)], axis=-1)
