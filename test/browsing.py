@@ -59,6 +59,15 @@ class Tab:
             self.page.wait_for_timeout(100)
         raise AssertionError(f'waited in vain: {what}')
 
+    def field(self, label):
+        """The input beside a label; viser does not tie the two together."""
+        name = self.page.locator('label').get_by_text(label, exact=True)
+        row = self.page.locator('.mantine-Flex-root').filter(has=name)
+        return row.locator('input').filter(visible=True).first
+
+    def press(self, button):
+        self.page.get_by_role('button', name=button, exact=True).click()
+
     def go_to(self, tab):
         self.page.get_by_role('tab', name=tab, exact=True).click()
 

@@ -214,14 +214,6 @@ def green(r, g, b):
     return (g - r > 60) & (g - b > 30) & (r < 160)
 
 
-def field(tab, label):  # noqa: F811
-    return tab.page.get_by_label(label, exact=True)
-
-
-def press(tab, name):  # noqa: F811
-    tab.page.get_by_role('button', name=name, exact=True).click()
-
-
 def test_the_arm_is_drawn_and_moves_and_nothing_leaves_the_machine(system, shown):
     straight = shown.until(lambda: (w := shown.where(orange))[2] > 300 and w, 'the straight arm')
     system.bend = np.array([0.0, 0.7, 0.0])
@@ -240,9 +232,9 @@ def test_a_missing_imu_is_named(system, shown):
 def test_a_marker_moved_in_the_form_moves_on_the_screen(system, shown):
     low = shown.until(lambda: (w := shown.where(green))[2] > 60 and w, 'the marker')
     shown.go_to('Arm')
-    at = shown.page.get_by_label('at [m]', exact=True)
+    at = shown.field('at [m]')
     at.fill('0.25')
-    press(shown, 'Start')
+    shown.press('Start')
     shown.page.get_by_text('started').wait_for()
     shown.until(lambda: (w := shown.where(green))[2] > 60 and low[1] - w[1] > 60.0, 'the marker further up')
     assert system.configuration.markers.positions == (0.25,)
@@ -250,23 +242,23 @@ def test_a_marker_moved_in_the_form_moves_on_the_screen(system, shown):
 
 def test_a_bad_value_is_refused_beside_its_field(system, shown):
     shown.go_to('Arm')
-    length = shown.page.get_by_label('length [m]', exact=True)
+    length = shown.field('length [m]')
     before = system.configuration
     for typed, told in (('-0.3', 'got -0.3, expected more than 0'), ('long', "got 'long', expected a number")):
         length.fill(typed)
-        beside = shown.page.get_by_role('tabpanel').get_by_text(told)
-        beside.wait_for()
-        assert abs(beside.bounding_box()['y'] - length.bounding_box()['y']) < 60.0
-    press(shown, 'Start')
+        shown.page.get_by_text(told, exact=True).wait_for()
+        beside = shown.page.get_by_text(told, exact=True).bounding_box()
+        assert abs(beside['y'] - length.bounding_box()['y']) < 60.0
+    shown.press('Start')
     shown.page.get_by_text('not done, since the form has mistakes').wait_for()
     assert system.configuration == before
     length.fill('0.3')
-    shown.page.get_by_text('expected a number').first.wait_for(state='hidden')
+    shown.page.get_by_text("got 'long', expected a number", exact=True).wait_for(state='hidden')
 
 
 def test_a_start_that_fails_says_why(system, shown):
     system.refuse_start = 'serial.port: /dev/ttyACM7 is not there'
-    press(shown, 'Start')
+    shown.press('Start')
     shown.page.get_by_text(system.refuse_start).wait_for()
     shown.page.get_by_text('stopped').first.wait_for()
 
@@ -276,13 +268,13 @@ def test_record_makes_a_bag(system, shown, tmp_path):
     from sesa2.bags.recording import open_recording
 
     shown.go_to('Run')
-    shown.page.get_by_label('into bag', exact=True).fill(str(tmp_path / 'trial'))
-    press(shown, 'Start')
+    shown.field('into bag').fill(str(tmp_path / 'trial'))
+    shown.press('Start')
     shown.page.get_by_text('started').wait_for()
-    press(shown, 'Record')
+    shown.press('Record')
     shown.page.get_by_text('recording into').first.wait_for()
     shown.until(lambda: system.recorder.n_messages > 100, 'messages in the bag')
-    press(shown, 'End')
+    shown.press('End')
     shown.page.get_by_text('the recording is complete').wait_for()
     with open_recording(tmp_path / 'trial') as recording:
         assert min(ImuRecording(recording).counts.values()) > 5
@@ -290,9 +282,9 @@ def test_record_makes_a_bag(system, shown, tmp_path):
 
 def test_calibration_bars_follow_the_virtual_board(system, shown):
     shown.go_to('Run')
-    shown.page.get_by_label('source', exact=True).click()
+    shown.field('source').click()
     shown.page.get_by_role('option', name='sim', exact=True).click()
-    press(shown, 'Start')
+    shown.press('Start')
     shown.go_to('Calibration')
     seen = set()
 
