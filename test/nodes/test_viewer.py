@@ -93,7 +93,9 @@ class System:
     def record(self):
         if not self.configuration.record.file:
             raise Sesa2Error('record.file is empty')
-        self.recorder = Recorder(parameter_overrides=overrides(self.configuration), use_global_arguments=False)
+        self.recorder = Recorder(
+            parameter_overrides=overrides(self.configuration), use_global_arguments=False
+        )
         self.executor.add_node(self.recorder)
         return f'recording into {self.recorder.path}'
 
@@ -158,7 +160,11 @@ class ViewerProcess:
     def __init__(self, port=0):
         command = [sys.executable, '-m', 'sesa2.nodes.viewer', '--ros-args', '-p', f'port:={port}']
         self.process = subprocess.Popen(
-            command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=os.environ | {'PYTHONUNBUFFERED': '1'}
+            command,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            env=os.environ | {'PYTHONUNBUFFERED': '1'},
         )
 
     def address(self):
@@ -244,7 +250,10 @@ def test_a_bad_value_is_refused_beside_its_field(system, shown):
     shown.go_to('Arm')
     length = shown.field('length [m]')
     before = system.configuration
-    for typed, told in (('-0.3', 'got -0.3, expected more than 0'), ('long', "got 'long', expected a number")):
+    for typed, told in (
+        ('-0.3', 'got -0.3, expected more than 0'),
+        ('long', "got 'long', expected a number"),
+    ):
         length.fill(typed)
         shown.page.get_by_text(told, exact=True).wait_for()
         beside = shown.page.get_by_text(told, exact=True).bounding_box()
