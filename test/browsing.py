@@ -8,10 +8,18 @@ import pytest
 
 CHROMIUM = Path('/usr/bin/chromium')
 # Software rendering, and nothing that Chromium does on its own account.
-_FLAGS = (
-    '--headless --no-sandbox --disable-gpu --use-gl=angle --use-angle=swiftshader --enable-unsafe-swiftshader '
-    '--disable-background-networking --disable-component-update --disable-sync --no-first-run'
-).split()
+_FLAGS = [
+    '--headless',
+    '--no-sandbox',
+    '--disable-gpu',
+    '--use-gl=angle',
+    '--use-angle=swiftshader',
+    '--enable-unsafe-swiftshader',
+    '--disable-background-networking',
+    '--disable-component-update',
+    '--disable-sync',
+    '--no-first-run',
+]
 
 
 @pytest.fixture(scope='module')  # two of Playwright's at once in one thread are refused

@@ -116,8 +116,8 @@ class Scene:
     def _nesting(self, model: str) -> tuple[float, float | None, bool]:
         """Part of the arm's radius, opacity, and whether as a cage: models lie in one another, and all are to be seen.
 
-        The innermost is solid, the one about it translucent; browsers do not sort two translucent ones, so those further
-        out are cages.
+        The innermost is solid, the one about it translucent; browsers do not sort two translucent ones, so those
+        further out are cages.
         """
         nested = [name for name, shown in self.shown.items() if shown]
         last = len(nested) - 1

@@ -11,6 +11,7 @@ import time
 import numpy as np
 import pytest
 import rclpy
+from browsing import browser, tab  # noqa: F401  fixtures
 from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
 from rclpy.experimental.events_executor import EventsExecutor
 from sensor_msgs.msg import Imu
@@ -26,7 +27,6 @@ from sesa2.nodes.recorder import Recorder
 from sesa2.nodes.serial_bridge import SerialBridge
 from sesa2.nodes.system import make_virtual_board
 from sesa2.shape.rotations import from_rotation_vector
-from browsing import browser, tab  # noqa: F401  fixtures
 
 pytest.importorskip('viser', reason='viser is not installed: pip install sesa2[viewer]')
 
