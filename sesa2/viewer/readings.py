@@ -1,0 +1,125 @@
+"""What is read at a glance, as HTML: state, rates, what is wrong, and calibration."""
+
+from html import escape
+
+from sesa2.imu.scores import Scores
+from sesa2.viewer.live import Live
+
+_GREEN, _AMBER, _RED, _GREY = '#2b8a3e', '#e67700', '#c92a2a', '#868e96'
+_LEVELS = {1: _AMBER, 2: _RED}
+_AT_MOST = 6
+
+
+def state_html(live: Live, steerable: bool) -> str:
+    """What the system does, in one line, and what its nodes complain about."""
+    estimator, bridge, player = (live.heard(node) for node in ('estimator', 'serial_bridge', 'player'))
+    recorder = live.heard('recorder')
+    if estimator:
+        colour, state = _GREEN, 'streaming'
+    elif bridge:
+        colour, state = _GREEN, 'calibrating'
+    elif player:
+        colour, state = _GREEN, 'playing'
+    else:
+        colour, state = _GREY, 'stopped' if steerable else 'nothing runs'
+    if recorder:
+        state += ', recording'
+    facts = []
+    if sweeps := estimator.get('sweeps'):
+        facts.append(sweeps.message)
+    if estimator and live.latency_s is not None and abs(live.latency_s) < 10.0:
+        facts.append(f'{1e3 * live.latency_s:.1f} ms late')
+    if link := bridge.get('link'):
+        facts.append(f'{link.values.get("lost_sweeps", "0")} sweeps lost')
+        damaged = sum(
+            int(n) for key, n in link.values.items() if key.startswith('frame_errors_') and n.isdigit()
+        )
+        facts.append(f'{damaged} frames damaged')
+    head = f'<b style="color:{colour}">● {state}</b> {" · ".join(map(escape, facts))}'
+    if not steerable:
+        head += (
+            f'<div style="color:{_GREY}">View only: no <code>sesa2 run</code> is here to be steered.</div>'
+        )
+    return _block(head + _complaints(live))
+
+
+def _complaints(live: Live) -> str:
+    nodes = ('estimator', 'serial_bridge', 'calibration', 'recorder', 'player')
+    found = [
+        (d.level, f'{node}: {part}', d.message)
+        for node in nodes
+        for part, d in live.heard(node).items()
+        # That a sensor is not calibrated yet is said by its bars.
+        if d.level and not (node == 'calibration' and part.startswith('imu_'))
+    ]
+    found.sort(key=lambda item: -item[0])
+    lines = [
+        f'<div style="color:{_LEVELS.get(level, _RED)}">{escape(who)}: {escape(message)}</div>'
+        for level, who, message in found[:_AT_MOST]
+    ]
+    if len(found) > _AT_MOST:
+        lines.append(f'<div>and {len(found) - _AT_MOST} more on /diagnostics</div>')
+    return ''.join(lines)
+
+
+def rates_html(live: Live) -> str:
+    """Rate of each IMU, and what is the matter with it."""
+    c = live.configuration
+    if c is None:
+        return _block('nothing heard yet')
+    estimator = live.heard('estimator')
+    rows = []
+    for i, s, enabled in zip(c.imus.ids, c.imus.positions, c.imus.enabled, strict=True):
+        said = estimator.get(f'imu_{i}')
+        rate = said.values.get('rate_hz', '') if said else ''
+        alive = i in live.sensors
+        state = 'off' if not enabled else 'measures' if alive else 'missing'
+        colour = _GREY if not enabled else _GREEN if alive else _RED
+        rows.append(
+            f'<tr><td>{i}</td><td>{s:g} m</td><td>{escape(rate)}</td><td style="color:{colour}">{state}</td></tr>'
+        )
+    head = ''.join(f'<th>{h}</th>' for h in ('IMU', 'at', 'Hz', ''))
+    return _block(f'<table style="{_TABLE}"><tr>{head}</tr>{"".join(rows)}</table>')
+
+
+def calibration_html(live: Live) -> str:
+    """Four bars for each IMU, three steps each, and what to do next."""
+    c = live.configuration
+    if c is None or not live.scores:
+        return _block('No IMU has told its calibration yet: it comes from the board.')
+    ids = [*c.imus.ids, c.imus.base_id] if c.imus.base_id else c.imus.ids
+    head = ''.join(f'<th>{h}</th>' for h in ('IMU', *Scores._fields))
+    rows = []
+    for i in ids:
+        scores = live.scores.get(i)
+        bars = (
+            ''.join(
+                f'<td data-score="imu_{i} {name} {score}">{_bar(score)}</td>'
+                for name, score in (scores._asdict() if scores else {}).items()
+            )
+            or '<td colspan="4">nothing heard</td>'
+        )
+        step = scores.next_step(c.serial.fusion) if scores else ''
+        done = bool(scores) and scores.complete(c.serial.fusion)
+        rows.append(
+            f'<tr><td><b>{i}</b></td>{bars}</tr><tr><td></td>'
+            f'<td colspan="4" style="color:{_GREEN if done else _GREY};font-size:0.85em;padding-bottom:0.4em">'
+            f'{escape(step)}</td></tr>'
+        )
+    return _block(f'<table style="{_TABLE}"><tr>{head}</tr>{"".join(rows)}</table>')
+
+
+_TABLE = 'width:100%;text-align:left;border-spacing:0.3em 0.1em'
+
+
+def _bar(score: int) -> str:
+    colour = (_RED, _AMBER, _AMBER, _GREEN)[min(score, 3)]
+    boxes = ''.join(
+        f'<span style="flex:1;height:0.55em;border-radius:2px;background:{colour if k < score else "#e9ecef"}"></span>'
+        for k in range(3)
+    )
+    return f'<div style="display:flex;gap:2px" title="{score} of 3">{boxes}</div>'
+
+
+def _block(content: str) -> str:
+    return f'<div style="font-size:0.85em;line-height:1.5;padding:0.2em 0.8em">{content}</div>'

@@ -1,0 +1,32 @@
+"""What the panel can do to a running system, whoever does it."""
+
+from typing import Protocol
+
+from sesa2.errors import Sesa2Error
+
+
+class SteeringError(Sesa2Error):
+    """Why the system would not do it, for the user."""
+
+
+class Steering(Protocol):
+    """Starts, stops and asks.
+
+    Each call waits for the answer, a sentence for the user, and raises SteeringError with the reason of a failure.
+    """
+
+    @property
+    def available(self) -> bool:
+        """Whether a system is there that can be started and stopped."""
+
+    def can(self, action: str) -> bool:
+        """Whether somebody offers an action of `act`."""
+
+    def start(self, configuration: str) -> str:
+        """Start with a configuration, YAML; what runs is stopped first."""
+
+    def act(self, action: str) -> str:
+        """One of ACTIONS."""
+
+
+ACTIONS = ('stop', 'record', 'stop_record', 'align', 'save_calibration', 'read_offsets')

@@ -1,0 +1,342 @@
+"""The viewer as a person uses it: its own process, a running system on the graph, and a real browser."""
+
+import os
+import re
+import signal
+import subprocess
+import sys
+import threading
+import time
+
+import numpy as np
+import pytest
+import rclpy
+from browsing import browser, tab  # noqa: F401  fixtures
+from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
+from rclpy.experimental.events_executor import EventsExecutor
+from sensor_msgs.msg import Imu
+from std_srvs.srv import Trigger
+
+from sesa2.configuration import ConfigurationError, files, validate
+from sesa2.errors import Sesa2Error
+from sesa2.messages.imu import ImuMessages
+from sesa2.nodes.estimator import EstimatorNode
+from sesa2.nodes.parameters import overrides
+from sesa2.nodes.qos import STREAM
+from sesa2.nodes.recorder import Recorder
+from sesa2.nodes.serial_bridge import SerialBridge
+from sesa2.nodes.system import make_virtual_board
+from sesa2.shape.rotations import from_rotation_vector
+
+pytest.importorskip('viser', reason='viser is not installed: pip install sesa2[viewer]')
+
+PATIENCE_S = 60.0
+VALUES = {
+    'run': {'source': 'external'},
+    'arm': {'length': 0.3, 'radius': 0.012},
+    'imus': {'ids': [1, 2], 'positions': [0.15, 0.3]},
+    'markers': {'names': ['M1'], 'positions': [0.1]},
+    'models': ['pcc'],
+}
+
+
+class System:
+    """Stands in for `sesa2 run`: the same interface on the graph, with the real nodes behind it.
+
+    With the source `external` it plays IMUs whose arm bends as the test says; with `sim`, a virtual board.
+    """
+
+    def __init__(self):
+        self.executor = EventsExecutor()
+        self.bend = np.zeros(3)  # rotation vector from one IMU to the next, rad
+        self.alive = {1, 2}
+        self.refuse_start = ''
+        self.nodes, self.recorder, self.board = [], None, None
+        self.node = rclpy.create_node('system')
+        self.node.add_on_set_parameters_callback(self._check)
+        self.node.declare_parameter('configuration', files.dump(validate(VALUES)), ParameterDescriptor())
+        for name in ('start', 'stop', 'record', 'stop_record'):
+            self.node.create_service(Trigger, f'system/{name}', self._serve(getattr(self, name)))
+        self.imu_messages = {i: ImuMessages(f'imu_{i}') for i in (1, 2)}
+        self.imus = {i: self.node.create_publisher(Imu, f'imu_{i}/data', STREAM) for i in (1, 2)}
+        self.node.create_timer(1.0 / 30.0, self._play)
+        self.executor.add_node(self.node)
+        self.ended = threading.Event()
+        self.thread = threading.Thread(target=self._spin)
+        self.thread.start()
+
+    @property
+    def configuration(self):
+        return files.parse(self.node.get_parameter('configuration').value, 'system')
+
+    def start(self):
+        if self.refuse_start:
+            raise Sesa2Error(self.refuse_start)
+        c = self.configuration
+        options = {'use_global_arguments': False}
+        if c.run.source == 'sim':
+            self.board = make_virtual_board(c).__enter__()
+            values = [p for p in overrides(c) if p.name != 'serial.port']
+            values.append(rclpy.Parameter('serial.port', value=str(self.board.path)))
+            self._add(SerialBridge(parameter_overrides=values, **options))
+        self._add(EstimatorNode(parameter_overrides=overrides(c), **options))
+        return 'started'
+
+    def stop(self):
+        while self.nodes:
+            self._end(self.nodes.pop())
+        if self.board:
+            self.board.__exit__(None, None, None)
+            self.board = None
+        return 'stopped'
+
+    def record(self):
+        if not self.configuration.record.file:
+            raise Sesa2Error('record.file is empty')
+        self.recorder = Recorder(
+            parameter_overrides=overrides(self.configuration), use_global_arguments=False
+        )
+        self.executor.add_node(self.recorder)
+        return f'recording into {self.recorder.path}'
+
+    def stop_record(self):
+        self._end(self.recorder)
+        self.recorder = None
+        return 'the recording is complete'
+
+    def close(self):
+        self.ended.set()
+        self.thread.join()
+        self.stop()
+        if self.recorder:
+            self.stop_record()
+        self.executor.shutdown()
+        self.node.destroy_node()
+
+    def _add(self, node):
+        self.nodes.append(node)
+        self.executor.add_node(node)
+
+    def _end(self, node):
+        self.executor.remove_node(node)
+        if hasattr(node, 'close'):
+            node.close()
+        node.destroy_node()
+
+    def _spin(self):
+        while not self.ended.is_set():
+            self.executor.spin_once(timeout_sec=0.05)
+
+    def _check(self, parameters):
+        try:
+            for parameter in parameters:
+                files.parse(parameter.value, 'configuration')
+        except ConfigurationError as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        return SetParametersResult(successful=True)
+
+    @staticmethod
+    def _serve(action):
+        def answer(request, response):
+            try:
+                response.message, response.success = action(), True
+            except Sesa2Error as error:
+                response.message, response.success = str(error), False
+            return response
+
+        return answer
+
+    def _play(self):
+        if self.board or not self.nodes:
+            return
+        now_ns = time.time_ns()
+        for k, i in enumerate((1, 2), start=1):
+            if i in self.alive:
+                q = from_rotation_vector(k * self.bend)
+                self.imus[i].publish(self.imu_messages[i].make(now_ns, q))
+
+
+class ViewerProcess:
+    def __init__(self, port=0):
+        command = [sys.executable, '-m', 'sesa2.nodes.viewer', '--ros-args', '-p', f'port:={port}']
+        self.process = subprocess.Popen(
+            command,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            env=os.environ | {'PYTHONUNBUFFERED': '1'},
+        )
+
+    def address(self):
+        line = self.process.stdout.readline()
+        match = re.search(r'http://\S+', line)
+        assert match, f'no address in {line!r}: {self.process.stderr.read() if not line else ""}'
+        return match[0]
+
+    def end(self, how=signal.SIGTERM):
+        self.process.send_signal(how)
+        return self.process.communicate(timeout=PATIENCE_S)
+
+
+@pytest.fixture(scope='module')
+def ros():
+    rclpy.init(args=[])
+    yield
+    rclpy.try_shutdown()
+
+
+@pytest.fixture
+def system(ros):
+    one = System()
+    one.start()
+    yield one
+    one.close()
+
+
+@pytest.fixture
+def viewer(ros):
+    one = ViewerProcess()
+    yield one
+    if one.process.poll() is None:
+        _, errors = one.end()
+        assert 'Traceback' not in errors
+        assert one.process.returncode == 0
+
+
+@pytest.fixture
+def shown(system, viewer, tab):  # noqa: F811
+    tab.open(viewer.address())
+    tab.page.get_by_text('streaming').wait_for()
+    return tab
+
+
+def orange(r, g, b):
+    """The tube of `pcc`."""
+    return (r > 150) & (r - b > 70) & (r - g > 25) & (g - b > 10)
+
+
+def green(r, g, b):
+    """The markers."""
+    return (g - r > 60) & (g - b > 30) & (r < 160)
+
+
+def test_the_arm_is_drawn_and_moves_and_nothing_leaves_the_machine(system, shown):
+    straight = shown.until(lambda: (w := shown.where(orange))[2] > 300 and w, 'the straight arm')
+    system.bend = np.array([0.0, 0.7, 0.0])
+    shown.until(lambda: abs(shown.where(orange)[0] - straight[0]) > 15.0, 'the bent arm')
+    assert shown.asked
+    foreign = [url for url in shown.asked if not re.match(r'(blob:)?(http|ws)://127\.0\.0\.1:|data:', url)]
+    assert not foreign
+
+
+def test_a_missing_imu_is_named(system, shown):
+    shown.page.get_by_text('measures').nth(1).wait_for()
+    system.alive = {1}
+    shown.page.get_by_text('missing', exact=True).wait_for()
+
+
+def test_a_marker_moved_in_the_form_moves_on_the_screen(system, shown):
+    low = shown.until(lambda: (w := shown.where(green))[2] > 60 and w, 'the marker')
+    shown.go_to('Arm')
+    at = shown.field('at [m]')
+    at.fill('0.25')
+    shown.press('Start')
+    shown.page.get_by_text('started').wait_for()
+    shown.until(lambda: (w := shown.where(green))[2] > 60 and low[1] - w[1] > 60.0, 'the marker further up')
+    assert system.configuration.markers.positions == (0.25,)
+
+
+def test_a_bad_value_is_refused_beside_its_field(system, shown):
+    shown.go_to('Arm')
+    length = shown.field('length [m]')
+    before = system.configuration
+    for typed, told in (
+        ('-0.3', 'got -0.3, expected more than 0'),
+        ('long', "got 'long', expected a number"),
+    ):
+        length.fill(typed)
+        shown.page.get_by_text(told, exact=True).wait_for()
+        beside = shown.page.get_by_text(told, exact=True).bounding_box()
+        assert abs(beside['y'] - length.bounding_box()['y']) < 60.0
+    shown.press('Start')
+    shown.page.get_by_text('not done, since the form has mistakes').wait_for()
+    assert system.configuration == before
+    length.fill('0.3')
+    shown.page.get_by_text("got 'long', expected a number", exact=True).wait_for(state='hidden')
+
+
+def test_a_start_that_fails_says_why(system, shown):
+    system.refuse_start = 'serial.port: /dev/ttyACM7 is not there'
+    shown.press('Start')
+    shown.page.get_by_text(system.refuse_start).wait_for()
+    shown.page.get_by_text('stopped').first.wait_for()
+
+
+def test_record_makes_a_bag(system, shown, tmp_path):
+    from sesa2.bags.reading import ImuRecording
+    from sesa2.bags.recording import open_recording
+
+    shown.go_to('Run')
+    shown.field('into bag').fill(str(tmp_path / 'trial'))
+    shown.press('Start')
+    shown.page.get_by_text('started').wait_for()
+    shown.press('Record')
+    shown.page.get_by_text('recording into').first.wait_for()
+    shown.until(lambda: system.recorder.n_messages > 100, 'messages in the bag')
+    shown.press('End')
+    shown.page.get_by_text('the recording is complete').wait_for()
+    with open_recording(tmp_path / 'trial') as recording:
+        assert min(ImuRecording(recording).counts.values()) > 5
+
+
+def test_calibration_bars_follow_the_virtual_board(system, shown):
+    shown.go_to('Run')
+    shown.field('source').click()
+    shown.page.get_by_role('option', name='sim', exact=True).click()
+    shown.press('Start')
+    shown.go_to('Calibration')
+    seen = set()
+
+    def scores():
+        cells = shown.page.locator('[data-score^="imu_1 "]')
+        seen.add(tuple(cell.get_attribute('data-score') for cell in cells.all()))
+        return any(all(s.endswith('3') for s in row) and len(row) == 4 for row in seen)
+
+    shown.until(scores, 'the calibrated board', tries=600)
+    assert len(seen) > 1
+    shown.page.get_by_text('calibrated', exact=True).first.wait_for()
+
+
+def test_a_killed_viewer_harms_nobody_and_another_takes_over(system, viewer, tab):  # noqa: F811
+    tab.open(viewer.address())
+    tab.page.get_by_text('streaming').wait_for()
+    [estimator] = [n for n in system.nodes if isinstance(n, EstimatorNode)]
+    before = estimator.n_sweeps
+    viewer.end(signal.SIGKILL)
+    another = ViewerProcess()
+    try:
+        tab.open(another.address())
+        tab.page.get_by_text('streaming').wait_for()
+        assert estimator.n_sweeps > before
+        assert not estimator.assembler.dropped
+    finally:
+        another.end()
+    assert another.process.returncode == 0
+
+
+def test_without_a_system_it_is_for_viewing_only(ros, viewer, tab):  # noqa: F811
+    tab.open(viewer.address())
+    tab.page.get_by_text('nothing runs').wait_for()
+    tab.page.get_by_text('View only').wait_for()
+    assert not tab.page.get_by_role('button', name='Start', exact=True).is_visible()
+
+
+def test_a_busy_port_is_a_clear_failure(ros, viewer):
+    port = int(viewer.address().rpartition(':')[2])
+    second = ViewerProcess(port)
+    output, errors = second.process.communicate(timeout=PATIENCE_S)
+    assert second.process.returncode == 1
+    assert f'port {port}' in errors
+    assert 'in use' in errors
+    assert 'Traceback' not in errors
+    assert 'http' not in output

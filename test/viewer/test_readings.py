@@ -1,0 +1,69 @@
+"""What the readings say."""
+
+import time
+
+from sesa2.configuration import validate
+from sesa2.imu.scores import Scores
+from sesa2.viewer.live import Diagnostic, Live
+from sesa2.viewer.readings import calibration_html, rates_html, state_html
+
+CONFIGURATION = validate({'arm': {'length': 0.3}, 'imus': {'ids': [2, 5], 'positions': [0.1, 0.3]}})
+
+
+def live(**diagnostics):
+    now = time.monotonic()
+    said = {name.replace('__', ': '): Diagnostic(*d, now) for name, d in diagnostics.items()}
+    return Live(configuration=CONFIGURATION, diagnostics=said)
+
+
+def test_the_state_is_what_the_nodes_say():
+    assert 'stopped' in state_html(live(), True)
+    assert 'View only' in state_html(live(), False)
+    running = live(
+        estimator__sweeps=(0, '99.8 Hz', {}),
+        serial_bridge__link=(
+            0,
+            'ok',
+            {'lost_sweeps': '3', 'frame_errors_crc': '1', 'frame_errors_cobs': '4'},
+        ),
+        recorder__bag=(0, 'recording into x', {}),
+    )
+    running.latency_s = 0.0042
+    text = state_html(running, True)
+    for part in ('streaming, recording', '99.8 Hz', '4.2 ms late', '3 sweeps lost', '5 frames damaged'):
+        assert part in text
+    assert 'calibrating' in state_html(live(serial_bridge__link=(0, 'ok', {})), True)
+
+
+def test_what_was_said_long_ago_does_not_count():
+    old = live(estimator__sweeps=(0, '99.8 Hz', {}))
+    old.diagnostics = {name: d._replace(heard=d.heard - 60.0) for name, d in old.diagnostics.items()}
+    assert not old.running
+    assert 'stopped' in state_html(old, True)
+
+
+def test_complaints_are_shown_worst_first_and_as_text():
+    text = state_html(
+        live(estimator__imu_2=(1, 'nothing <b>measured</b>', {}), serial_bridge__link=(2, 'no board', {})),
+        True,
+    )
+    assert text.index('no board') < text.index('nothing &lt;b&gt;measured')
+
+
+def test_a_missing_imu_is_told_from_one_that_is_off():
+    here = live(estimator__imu_2=(0, '99.8 Hz', {'rate_hz': '99.8'}))
+    here.sensors[2] = CONFIGURATION.base
+    text = rates_html(here)
+    assert '99.8' in text
+    assert text.count('measures') == 1
+    assert text.count('missing') == 1
+
+
+def test_bars_and_the_next_step():
+    here = live()
+    assert 'No IMU has told' in calibration_html(here)
+    here.scores = {2: Scores(3, 3, 3, 3), 5: Scores(0, 3, 1, 0)}
+    text = calibration_html(here)
+    assert 'data-score="imu_5 accel 1"' in text
+    assert 'calibrated' in text
+    assert Scores(0, 3, 1, 0).next_step('NDOF') in text
