@@ -8,7 +8,7 @@ import pytest
 
 CHROMIUM = Path('/usr/bin/chromium')
 # Software rendering, and nothing that Chromium does on its own account.
-_FLAGS = [
+_FLAGS = (
     '--headless',
     '--no-sandbox',
     '--disable-gpu',
@@ -19,7 +19,7 @@ _FLAGS = [
     '--disable-component-update',
     '--disable-sync',
     '--no-first-run',
-]
+)
 
 
 @pytest.fixture(scope='module')  # two of Playwright's at once in one thread are refused

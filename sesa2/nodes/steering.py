@@ -53,13 +53,22 @@ class GraphSteering:
 
     def start(self, configuration: str) -> str:
         """Start with this configuration; what runs is stopped first, once the configuration has been taken."""
+        self._plan(configuration)
+        if self._live.running:
+            self.act('stop')
+        return self.act('start')
+
+    def record(self, configuration: str) -> str:
+        """Record into the file that this configuration names."""
+        self._plan(configuration)
+        return self.act('record')
+
+    def _plan(self, configuration: str) -> None:
+        """Give the system the configuration that its next start will take."""
         future = self._parameters.set_parameters([Parameter('configuration', value=configuration)])
         [result] = self._answer(future, 'system').results
         if not result.successful:
             raise SteeringError(result.reason or 'the configuration was refused')
-        if self._live.running:
-            self.act('stop')
-        return self.act('start')
 
     def act(self, action: str) -> str:
         """Do one of ACTIONS."""

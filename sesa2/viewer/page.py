@@ -123,14 +123,17 @@ class Page:
 
         @self._run_buttons.on_click
         def _(_: Any) -> None:
-            self._do(
-                self._start if self._run_buttons.value == 'Start' else lambda: self._steering.act('stop')
-            )
+            if self._run_buttons.value == 'Start':
+                self._do(lambda: self._steering.start(files.dump(self._checked())))
+            else:
+                self._do(lambda: self._steering.act('stop'))
 
         @self._record_buttons.on_click
         def _(_: Any) -> None:
-            action = 'record' if self._record_buttons.value == 'Record' else 'stop_record'
-            self._do(lambda: self._steering.act(action))
+            if self._record_buttons.value == 'Record':
+                self._do(lambda: self._steering.record(files.dump(self._checked())))
+            else:
+                self._do(lambda: self._steering.act('stop_record'))
 
     def _add_calibration(self) -> None:
         self._calibration = self._gui.add_html('')
@@ -169,9 +172,6 @@ class Page:
             self._tell(str(error), bad=True)
         finally:
             self._busy.release()
-
-    def _start(self) -> str:
-        return self._steering.start(files.dump(self._checked()))
 
     def _checked(self) -> Configuration:
         c = self._form.check()

@@ -25,8 +25,11 @@ class Steering(Protocol):
     def start(self, configuration: str) -> str:
         """Start with a configuration, YAML; what runs is stopped first."""
 
+    def record(self, configuration: str) -> str:
+        """Record what runs into the file that the configuration, YAML, names."""
+
     def act(self, action: str) -> str:
         """One of ACTIONS."""
 
 
-ACTIONS = ('stop', 'record', 'stop_record', 'align', 'save_calibration', 'read_offsets')
+ACTIONS = ('stop', 'stop_record', 'align', 'save_calibration', 'read_offsets')

@@ -12,8 +12,7 @@ import numpy as np
 import pytest
 import rclpy
 from browsing import browser, tab  # noqa: F401  fixtures
-from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
-from rclpy.experimental.events_executor import EventsExecutor
+from rcl_interfaces.msg import SetParametersResult
 from sensor_msgs.msg import Imu
 from std_srvs.srv import Trigger
 
@@ -21,11 +20,9 @@ from sesa2.configuration import ConfigurationError, files, validate
 from sesa2.errors import Sesa2Error
 from sesa2.messages.imu import ImuMessages
 from sesa2.nodes.estimator import EstimatorNode
-from sesa2.nodes.parameters import overrides
 from sesa2.nodes.qos import STREAM
-from sesa2.nodes.recorder import Recorder
-from sesa2.nodes.serial_bridge import SerialBridge
-from sesa2.nodes.system import make_virtual_board
+from sesa2.nodes.runtime import Spinner
+from sesa2.nodes.system import System
 from sesa2.shape.rotations import from_rotation_vector
 
 pytest.importorskip('viser', reason='viser is not installed: pip install sesa2[viewer]')
@@ -40,27 +37,28 @@ VALUES = {
 }
 
 
-class System:
-    """Stands in for `sesa2 run`: the same interface on the graph, with the real nodes behind it.
+class SteeredSystem:
+    """What `sesa2 run` offers on the graph, around the same nodes.
 
-    With the source `external` it plays IMUs whose arm bends as the test says; with `sim`, a virtual board.
+    With the source `external` it plays IMUs whose arm bends as the test says; with `sim`, the virtual board does.
     """
 
     def __init__(self):
-        self.executor = EventsExecutor()
         self.bend = np.zeros(3)  # rotation vector from one IMU to the next, rad
         self.alive = {1, 2}
         self.refuse_start = ''
-        self.nodes, self.recorder, self.board = [], None, None
+        self.spinner = Spinner()
+        self.system = System(self.spinner)
         self.node = rclpy.create_node('system')
         self.node.add_on_set_parameters_callback(self._check)
-        self.node.declare_parameter('configuration', files.dump(validate(VALUES)), ParameterDescriptor())
+        self.node.declare_parameter('configuration', files.dump(validate(VALUES)))
         for name in ('start', 'stop', 'record', 'stop_record'):
             self.node.create_service(Trigger, f'system/{name}', self._serve(getattr(self, name)))
         self.imu_messages = {i: ImuMessages(f'imu_{i}') for i in (1, 2)}
         self.imus = {i: self.node.create_publisher(Imu, f'imu_{i}/data', STREAM) for i in (1, 2)}
         self.node.create_timer(1.0 / 30.0, self._play)
-        self.executor.add_node(self.node)
+        self.spinner.add(self.node)
+        self.start()
         self.ended = threading.Event()
         self.thread = threading.Thread(target=self._spin)
         self.thread.start()
@@ -69,63 +67,35 @@ class System:
     def configuration(self):
         return files.parse(self.node.get_parameter('configuration').value, 'system')
 
+    @property
+    def estimator(self):
+        return next(n for n in self.system.nodes if isinstance(n, EstimatorNode))
+
     def start(self):
         if self.refuse_start:
             raise Sesa2Error(self.refuse_start)
-        c = self.configuration
-        options = {'use_global_arguments': False}
-        if c.run.source == 'sim':
-            self.board = make_virtual_board(c).__enter__()
-            values = [p for p in overrides(c) if p.name != 'serial.port']
-            values.append(rclpy.Parameter('serial.port', value=str(self.board.path)))
-            self._add(SerialBridge(parameter_overrides=values, **options))
-        self._add(EstimatorNode(parameter_overrides=overrides(c), **options))
+        self.system.start(self.configuration)
         return 'started'
 
     def stop(self):
-        while self.nodes:
-            self._end(self.nodes.pop())
-        if self.board:
-            self.board.__exit__(None, None, None)
-            self.board = None
+        self.system.stop()
         return 'stopped'
 
     def record(self):
-        if not self.configuration.record.file:
-            raise Sesa2Error('record.file is empty')
-        self.recorder = Recorder(
-            parameter_overrides=overrides(self.configuration), use_global_arguments=False
-        )
-        self.executor.add_node(self.recorder)
-        return f'recording into {self.recorder.path}'
+        return f'recording into {self.system.record(self.configuration.record.file)}'
 
     def stop_record(self):
-        self._end(self.recorder)
-        self.recorder = None
-        return 'the recording is complete'
+        return f'{self.system.stop_recording()} is complete'
 
     def close(self):
         self.ended.set()
         self.thread.join()
-        self.stop()
-        if self.recorder:
-            self.stop_record()
-        self.executor.shutdown()
-        self.node.destroy_node()
-
-    def _add(self, node):
-        self.nodes.append(node)
-        self.executor.add_node(node)
-
-    def _end(self, node):
-        self.executor.remove_node(node)
-        if hasattr(node, 'close'):
-            node.close()
-        node.destroy_node()
+        self.system.stop()
+        self.spinner.__exit__()
 
     def _spin(self):
         while not self.ended.is_set():
-            self.executor.spin_once(timeout_sec=0.05)
+            self.spinner.spin_once()
 
     def _check(self, parameters):
         try:
@@ -147,7 +117,7 @@ class System:
         return answer
 
     def _play(self):
-        if self.board or not self.nodes:
+        if self.system.board or not self.system.nodes:
             return
         now_ns = time.time_ns()
         for k, i in enumerate((1, 2), start=1):
@@ -187,8 +157,7 @@ def ros():
 
 @pytest.fixture
 def system(ros):
-    one = System()
-    one.start()
+    one = SteeredSystem()
     yield one
     one.close()
 
@@ -278,13 +247,11 @@ def test_record_makes_a_bag(system, shown, tmp_path):
 
     shown.go_to('Run')
     shown.field('into bag').fill(str(tmp_path / 'trial'))
-    shown.press('Start')
-    shown.page.get_by_text('started').wait_for()
     shown.press('Record')
     shown.page.get_by_text('recording into').first.wait_for()
-    shown.until(lambda: system.recorder.n_messages > 100, 'messages in the bag')
+    shown.until(lambda: system.system.recorder.n_messages > 100, 'messages in the bag')
     shown.press('End')
-    shown.page.get_by_text('the recording is complete').wait_for()
+    shown.page.get_by_text('is complete').wait_for()
     with open_recording(tmp_path / 'trial') as recording:
         assert min(ImuRecording(recording).counts.values()) > 5
 
@@ -310,7 +277,7 @@ def test_calibration_bars_follow_the_virtual_board(system, shown):
 def test_a_killed_viewer_harms_nobody_and_another_takes_over(system, viewer, tab):  # noqa: F811
     tab.open(viewer.address())
     tab.page.get_by_text('streaming').wait_for()
-    [estimator] = [n for n in system.nodes if isinstance(n, EstimatorNode)]
+    estimator = system.estimator
     before = estimator.n_sweeps
     viewer.end(signal.SIGKILL)
     another = ViewerProcess()

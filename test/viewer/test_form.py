@@ -7,6 +7,7 @@ import pytest
 pytest.importorskip('viser', reason='viser is not installed: pip install sesa2[viewer]')
 
 from sesa2.configuration import files, validate
+from sesa2.configuration.records import leaves
 from sesa2.viewer.form import Form
 from sesa2.viewer.server import open_server
 
@@ -57,6 +58,11 @@ def test_a_configuration_comes_out_as_it_went_in(server, name):
     c = files.load(files.find(name))
     form.fill_in(c)
     assert files.dump(form.check()) == files.dump(c)
+
+
+def test_every_parameter_is_in_the_form(form):
+    there = {f.path for f in form._fields} | {'models'}
+    assert there == {path for path, _, _ in leaves()}
 
 
 def test_lists_and_rules_come_out_as_they_went_in(form):
