@@ -6,7 +6,7 @@ import signal
 import sys
 from collections.abc import Sequence
 
-from sesa2.commands import align, board, budget, check, evaluate, replay, run, twin
+from sesa2.commands import align, board, budget, check, evaluate, replay, run, twin, view
 from sesa2.errors import Sesa2Error
 
 _COMMANDS = {
@@ -15,6 +15,7 @@ _COMMANDS = {
     'replay': (replay, 'the estimator over a whole recording, as fast as the machine can'),
     'align': (align, 'mountings and headings from a recording'),
     'evaluate': (evaluate, 'error against motion capture'),
+    'view': (view, 'a recording as one page with a time line'),
     'budget': (budget, 'the error to expect at each marker, by source'),
     'twin': (twin, 'a simulated trial, with the truth'),
     'board': (board, 'a virtual board on a pseudo-terminal'),

@@ -21,6 +21,7 @@ from sesa2.estimation.sweeps import Sweep
 from sesa2.imu.alignment import align_straight
 from sesa2.messages.imu import read_imu
 from sesa2.messages.results import ResultMessages
+from sesa2.messages.robot import describe_robot
 from sesa2.nodes.diagnostics import ERROR, OK, WARN, Diagnostics
 from sesa2.nodes.parameters import declare_configuration
 from sesa2.nodes.qos import ANY_STREAM, LATCHED, STREAM
@@ -65,6 +66,11 @@ class EstimatorNode(rclpy.node.Node):
         ]
         self._configuration_publisher = self.create_publisher(String, 'configuration', LATCHED)
         self._publish_configuration()
+        self._description_publishers = []
+        for name in self._estimator.models:
+            publisher = self.create_publisher(String, f'{name}/robot_description', LATCHED)
+            publisher.publish(String(data=describe_robot(self.configuration, name)))
+            self._description_publishers.append(publisher)
 
         imus = self.configuration.imus
         self._ids = [*imus.ids, imus.base_id] if imus.base_id else list(imus.ids)

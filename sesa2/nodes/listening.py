@@ -19,9 +19,9 @@ from sesa2.configuration import Configuration
 from sesa2.errors import Sesa2Error
 from sesa2.imu.scores import Scores
 from sesa2.messages.imu import read_imu
+from sesa2.messages.poses import read_path, read_pose_array
 from sesa2.nodes.qos import LATCHED
 from sesa2.shape.rotations import FloatArray
-from sesa2.viewer.decoding import read_path, read_pose_array
 from sesa2.viewer.live import Diagnostic, Live
 
 _SILENT_S = 0.5  # an IMU that has said nothing for so long is drawn grey

@@ -55,8 +55,7 @@ def say(graph, node):
         if offsets:
             message.offsets_valid = True
             message.accel_offset, message.mag_offset, message.gyro_offset = (
-                np.array(v, np.int16)
-                for v in (offsets.accel_offset, offsets.mag_offset, offsets.gyro_offset)
+                np.array(v, np.int16) for v in (offsets.accel_offset, offsets.mag_offset, offsets.gyro_offset)
             )
             message.accel_radius, message.mag_radius = offsets.accel_radius, offsets.mag_radius
         publishers[imu].publish(message)
@@ -109,7 +108,9 @@ def test_the_next_step_is_told(graph, node, say):
     }
     for scores, step in steps.items():
         say(2, scores)
-        graph.until(lambda text=step: [m for m in logs if m.msg.startswith('IMU 2: ') and text in m.msg], step)
+        graph.until(
+            lambda text=step: [m for m in logs if m.msg.startswith('IMU 2: ') and text in m.msg], step
+        )
     graph.until(
         lambda: (d := diagnosis.latest('calibration: imu_2')) and d[1] == 'calibrated; not saved', 'a status'
     )
@@ -131,7 +132,9 @@ def test_a_file_that_cannot_be_written_is_told_and_what_was_saved_stays(graph, n
         failure = f'{file}: offsets of IMU 5 not saved: No space left on device'
         graph.until(lambda: [m for m in logs if m.msg == failure], 'a line in the log')
         graph.until(
-            lambda: [d for d in diagnosis.of(f'calibration: {file}') if d[:2] == (DiagnosticStatus.ERROR, failure)],
+            lambda: [
+                d for d in diagnosis.of(f'calibration: {file}') if d[:2] == (DiagnosticStatus.ERROR, failure)
+            ],
             'an error in the diagnostics',
         )
         response = graph.call(Trigger, 'calibration/save', Trigger.Request())
@@ -181,5 +184,6 @@ def test_a_calibration_from_first_to_last(graph, configured, boards, file):
     graph.until(lambda: [m for m in restored if m.offsets_valid], 'offsets read back')
     for i in (2, 5):
         graph.until(
-            lambda i=i: Offsets.from_registers(board._chips[i].read_offsets()) == learned[i], f'IMU {i} restored'
+            lambda i=i: Offsets.from_registers(board._chips[i].read_offsets()) == learned[i],
+            f'IMU {i} restored',
         )

@@ -57,9 +57,7 @@ def arm_of_bends(bends, base=(0.0, 0.0, 0.0, 1.0)):
 def bends_of(orientations, base=(0.0, 0.0, 0.0, 1.0)):
     """Rotation vector of each section, the inverse of `arm_of_bends`."""
     stations = np.vstack([base, orientations])
-    return rotations.to_rotation_vector(
-        rotations.multiply(rotations.conjugate(stations[:-1]), stations[1:])
-    )
+    return rotations.to_rotation_vector(rotations.multiply(rotations.conjugate(stations[:-1]), stations[1:]))
 
 
 def positions_of(message):
@@ -85,9 +83,7 @@ class Live:
         """Wait until results come that are of now."""
         lists = (self.shapes, self.markers, self.joints)
         before = [len(messages) for messages in lists]
-        self.graph.until(
-            lambda: all(len(m) >= b + n for m, b in zip(lists, before, strict=True)), 'results'
-        )
+        self.graph.until(lambda: all(len(m) >= b + n for m, b in zip(lists, before, strict=True)), 'results')
         return self
 
     def truth(self, board):
@@ -181,9 +177,7 @@ def without(fault, graph, configured, boards, bends, imu):
 
 @pytest.mark.parametrize('fault', ['disabled', 'unplugged'])
 @pytest.mark.parametrize('imu', [3, 5, 7])
-def test_an_imu_is_not_missed_where_the_arm_bends_alike_beside_it(
-    graph, configured, boards, fault, imu
-):
+def test_an_imu_is_not_missed_where_the_arm_bends_alike_beside_it(graph, configured, boards, fault, imu):
     live, board = without(fault, graph, configured, boards, ALIKE, imu)
     # The half of a slerp between its neighbours is as exact as these.
     assert live.off(board) < RESOLUTION_M
@@ -207,9 +201,7 @@ def test_a_missing_imu_costs_no_more_than_its_sections_differ(graph, configured,
     # Up to the neighbour before, nothing changed.
     n = np.searchsorted(live.model.link_ends, 2 * SECTION + 1e-9)
     ends, _ = live.truth(board)
-    np.testing.assert_allclose(
-        positions_of(live.shapes[-1])[:n], ends[:n], rtol=0, atol=RESOLUTION_M
-    )
+    np.testing.assert_allclose(positions_of(live.shapes[-1])[:n], ends[:n], rtol=0, atol=RESOLUTION_M)
 
 
 def test_an_imu_that_comes_back_is_used_again(graph, configured, boards):

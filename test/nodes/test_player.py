@@ -164,11 +164,13 @@ def test_a_bag_cut_short_is_played_as_far_as_it_goes(graph, play, tmp_path):
 def test_what_cannot_be_played_is_refused(graph, play, tmp_path):
     with pytest.raises(Sesa2Error, match='nothing: '):
         play(tmp_path / 'nothing')
-    with pytest.raises(ConfigurationError, match=r"run\.bag: is empty"):
+    with pytest.raises(ConfigurationError, match=r'run\.bag: is empty'):
         play('')
     with new_bag(tmp_path / 'texts') as bag:
         bag.add_topic('/configuration', 'std_msgs/msg/String')
-    with pytest.raises(Sesa2Error, match=r'no IMU topic, expected imu_<id>/data .*; its topics: /configuration'):
+    with pytest.raises(
+        Sesa2Error, match=r'no IMU topic, expected imu_<id>/data .*; its topics: /configuration'
+    ):
         play(tmp_path / 'texts')
     (tmp_path / 'noise.mcap').write_bytes(bytes(range(256)))
     with pytest.raises(Sesa2Error, match=r'noise\.mcap'):

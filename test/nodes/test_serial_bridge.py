@@ -193,7 +193,9 @@ def test_an_imu_that_the_file_lacks_is_warned_about(graph, bridge_on, still_boar
     save_offsets(file, 2, SAVED)
     logs = graph.listen_to_logs()
     bridge_on(still_board.path, calibration={'file': str(file)})
-    [line] = graph.until(lambda: [m for m in logs if 'no offsets' in m.msg and m.level == WARNING], 'a warning')
+    [line] = graph.until(
+        lambda: [m for m in logs if 'no offsets' in m.msg and m.level == WARNING], 'a warning'
+    )
     assert f'{file} has no offsets of IMU 3, 5' in line.msg
     messages = graph.listen(Imu, 'imu_5/data', STREAM)
     graph.until(lambda: messages, 'its orientations all the same')
@@ -248,9 +250,7 @@ def test_offsets_are_never_said_to_be_those_of_scores_that_came_later(
 def test_calibrating_reads_the_offsets_when_the_scores_are_complete(graph, bridge_on, boards, tmp_path):
     board = boards(arm_of(validate(values('')), halted(STILL)), calibration_s=1.0)
     learned = {i: Offsets.from_registers(board._chips[i]._learned) for i in IDS}
-    bridge_on(
-        board.path, run={'mode': 'calibrate'}, calibration={'file': str(tmp_path / 'new.yaml')}
-    )
+    bridge_on(board.path, run={'mode': 'calibrate'}, calibration={'file': str(tmp_path / 'new.yaml')})
     heard = {i: graph.listen(ImuCalibration, f'imu_{i}/calibration', LATCHED) for i in IDS}
     graph.until(lambda: all(any(m.offsets_valid for m in heard[i]) for i in IDS), 'offsets of each')
     for i in IDS:
@@ -337,7 +337,8 @@ def test_the_board_is_reset(graph, bridge_on, still_board):
     still_board.reset()
     streaming.again()
     link = graph.until(
-        lambda: (d := diagnosis.latest('serial_bridge: link')) and d[2]['board_resets'] == '1' and d, 'a count'
+        lambda: (d := diagnosis.latest('serial_bridge: link')) and d[2]['board_resets'] == '1' and d,
+        'a count',
     )
     assert float(link[2]['silent_s']) > 0.2
 

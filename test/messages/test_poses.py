@@ -5,7 +5,7 @@ import pytest
 
 from sesa2.errors import Sesa2Error
 from sesa2.messages.cdr import Layout
-from sesa2.viewer.decoding import read_path, read_pose_array
+from sesa2.messages.poses import read_path, read_pose_array
 
 STAMP_NS = 1_700_000_000_123_456_789
 

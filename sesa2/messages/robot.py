@@ -1,0 +1,23 @@
+"""The text of `<model>/robot_description`."""
+
+from sesa2.configuration import Configuration
+from sesa2.messages.results import link_names
+from sesa2.shape.models import create_model
+from sesa2.shape.urdf import robot_description
+
+
+def describe_robot(c: Configuration, name: str) -> str:
+    """URDF of the arm as a model sees it; its joints are those of `<name>/joint_states`.
+
+    Parameters
+    ----------
+    c
+        of the estimator.
+    name
+        of the model.
+    """
+    model = create_model(name, c.geometry, **c.model_options(name))
+    markers = zip(c.markers.names, c.markers.positions, strict=True)
+    return robot_description(
+        name, link_names(name, model.n_links), model.link_ends, c.arm.radius, c.base, markers
+    )
