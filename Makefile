@@ -44,5 +44,9 @@ firmware-test: venv
 bench: venv
 	@$(BIN)/python bench/run.py
 
+# Errors on the recordings, written into README.md.
+accuracy: venv
+	@$(BIN)/python bench/accuracy.py
+
 clean:
 	rm -rf $(VENV) build install log

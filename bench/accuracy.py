@@ -1,0 +1,171 @@
+"""`make accuracy`: errors on the recordings, as a table in README.md. What is absent is said.
+
+The trials are a simulated one (a Cosserat rod, with errors like a BNO055's: not the paper's arm) and a real arm of
+three actuated sections, whose motion-capture frames stand in as perfect IMUs. The paper's figures are of its own arm.
+"""
+
+import argparse
+import os
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
+
+from sesa2.configuration import Configuration, files
+from sesa2.estimation.estimator import Estimator
+from sesa2.estimation.sweeps import Sweep
+from sesa2.evaluation.evaluate import evaluate
+from sesa2.evaluation.trajectory import Trajectory
+from sesa2.imu.self_calibration import self_calibrate
+from sesa2.shape.arm import Arm
+from sesa2.shape.models import create_model
+
+ROOT = Path(__file__).resolve().parents[1]
+BEGIN, END = '<!-- accuracy: written by make accuracy -->', '<!-- end of accuracy -->'
+DELAY_S = 0.020  # of the simulated sensors
+MARKERS = {'M1': 0.36, 'M2': 0.60}
+
+
+def estimated(c: Configuration, times, orientations):
+    """Marker trajectories by model, of IMUs that measured `orientations` (n, n_imu, 4)."""
+    all_there = np.ones(orientations.shape[1], bool)
+    sweeps = [Sweep(round(t * 1e9), q, all_there, None) for t, q in zip(times, orientations, strict=True)]
+    estimate = Estimator(c).estimate(sweeps)
+    return {
+        name: Trajectory(times, result.markers, tuple(MARKERS)) for name, result in estimate.models.items()
+    }
+
+
+def errors(c, times, orientations, truth):
+    """Median error at each marker, % of its arc length, by model, with the known delay taken off."""
+    evaluation = evaluate(estimated(c, times, orientations), truth, MARKERS, time_offset=-DELAY_S)
+    return {name: [found[m].median_pct for m in MARKERS] for name, found in evaluation.models.items()}
+
+
+def twin_rows(path):
+    """(case, model, M1, M2) on the simulated trial; and how long the self-calibration took, s."""
+    with np.load(path) as trial:
+        times, q, exact = trial['ti'], trial['q'][:, 1:, [1, 2, 3, 0]], trial['qtrue'][:, 1:, [1, 2, 3, 0]]
+        truth = Trajectory(trial['t100'], trial['M100'], tuple(MARKERS))
+    c = files.load(ROOT / 'config/prototype3_8.yaml')
+    c = replace(
+        c, models=('rigid', 'pcc', 'pcc_exact', 'spline'), rigid=replace(c.rigid, boundaries='midpoint')
+    )
+    began = time.perf_counter()
+    found = self_calibrate(times, q, np.ones(q.shape[:2], bool), c.geometry, c.base, c.mountings, c.headings)
+    took = time.perf_counter() - began
+    calibrated = c.with_alignment(found.mountings, found.headings)
+    filtered = replace(calibrated, imus=replace(calibrated.imus, heading_filter=True))
+    rows = []
+    for case, configuration, measured in (
+        ('as measured', c, q),
+        ('self-calibrated', calibrated, q),
+        ('self-calibrated, heading filter', filtered, q),
+        ('sensors without error', c, exact),
+    ):
+        for model, figures in errors(configuration, times, measured, truth).items():
+            rows.append((case, model, *figures))
+    return rows, took
+
+
+def softarm_rows(path):
+    """(case, tip %) of `pcc_exact` on the real arm; fitted on the first half, scored on the second."""
+    lines = np.genfromtxt(path, delimiter=',', skip_header=1)[:, 1:]
+    frames = lines.reshape(len(lines), 4, 6)
+    p = frames[..., :3]
+    R = Rotation.from_euler('ZYX', frames[..., [5, 4, 3]].reshape(-1, 3), degrees=True)
+    # Their arm lies along +Y, ours along +z.
+    q = (R * Rotation.from_euler('x', -90.0, degrees=True)).as_quat().reshape(len(lines), 4, 4)
+    along = Rotation.from_quat(q.reshape(-1, 4)).apply([0.0, 0.0, 1.0]).reshape(len(lines), 4, 3)
+    chord = np.linalg.norm(p[:, 3] - p[:, 2], axis=1)
+    bend = np.degrees(np.arccos(np.clip((along[:, 3] * along[:, 2]).sum(axis=1), -1.0, 1.0)))
+    tracked = (chord >= 0.195) & (chord <= 0.212) & (bend <= 60.0)
+    p, q = p[tracked], q[tracked]
+    ends = np.cumsum([0.2116, 0.2103, 0.2092])
+    model = create_model('pcc_exact', Arm(float(ends[-1]), tuple(ends.tolist())))
+    half = len(p) // 2
+    times = np.arange(len(p), dtype=float)
+    names = ('low', 'middle', 'up')
+    truth = Trajectory(times, p[:, 1:], names)
+
+    def shape(offsets):
+        """Ends of the sections; offsets: rotation vectors of the four frames against the arm, base first, (4, 3), rad."""
+        frames = [
+            (Rotation.from_quat(q[:, k]) * Rotation.from_rotvec(offset)).as_quat()
+            for k, offset in enumerate(offsets)
+        ]
+        return model.fit(np.stack(frames[1:], axis=1), frames[0]).positions(ends) + p[:, :1]
+
+    def tip(points, register):
+        estimate = {'pcc_exact': Trajectory(times, points, names)}
+        arc_lengths = dict(zip(names, ends, strict=True))
+        found = evaluate(estimate, truth, arc_lengths, register=register, fit_fraction=0.5, time_offset=0.0)
+        return found.models['pcc_exact']['up'].median_pct
+
+    def placed(x):
+        """Where the frames' origins should be: x holds their turns (4, 3), rad, and their places beside the axis (4, 3), m."""
+        turns, beside = x.reshape(2, 4, 3)
+        away = [Rotation.from_quat(q[:, k]).apply(beside[k]) for k in range(4)]
+        return shape(turns) - away[0][:, None] + np.stack(away[1:], axis=1)
+
+    # The norm is soft, so that rows which were mistracked do not pull.
+    fit = least_squares(
+        lambda x: (placed(x) - p[:, 1:])[:half].ravel(), np.zeros(24), loss='soft_l1', f_scale=0.005
+    ).x
+    second = np.linalg.norm((placed(fit) - p[:, 1:])[half:, 2], axis=1)
+    return [
+        ('raw', tip(shape(np.zeros((4, 3))), 'none')),
+        ('translation', tip(shape(np.zeros((4, 3))), 'translation')),
+        ("the frames' offsets", 100.0 * float(np.median(second)) / float(ends[-1])),
+    ]
+
+
+def table(data):
+    """The table, as lines of Markdown."""
+    lines = [
+        '| median error, % of arc length | M1 (0.36 m) | M2 (0.60 m) | where |',
+        '|---|---|---|---|',
+        '| the paper: rigid, 8 IMUs | 13.3 | 11.8 | its real arm, Table II |',
+        '| the paper: PCC-extended, 16 segments | 10.2 | 9.1 | its real arm, Table II |',
+    ]
+    trial = data / 'twin/trial_A_bno055_seed1.npz'
+    if trial.exists():
+        rows, took = twin_rows(trial)
+        lines += [
+            f'| `{model}`, {case} | {m1:.2f} | {m2:.2f} | simulated trial, 250 s |'
+            for case, model, m1, m2 in rows
+        ]
+        print(f'self-calibration of 250 s: {took:.1f} s', file=sys.stderr)
+    else:
+        lines.append(f'| not measured: {trial.name} is absent | | | |')
+    real = data / 'softarm/optitrack_first_1500_rows.csv'
+    if real.exists():
+        lines += [
+            f'| `pcc_exact`, registration: {case} | | tip {figure:.2f} | real arm of three sections, second half |'
+            for case, figure in softarm_rows(real)
+        ]
+    else:
+        lines.append(f'| not measured: {real.name} is absent | | | |')
+    return lines
+
+
+def main():
+    """Measure, print, and write into the README."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument('--dry', action='store_true', help='print only')
+    dry = parser.parse_args().dry
+    lines = table(Path(os.environ.get('SESA2_DATA', ROOT.parent / 'shared/data')))
+    print('\n'.join(lines))
+    if not dry:
+        readme = ROOT / 'README.md'
+        before, _, rest = readme.read_text().partition(BEGIN)
+        _, _, after = rest.partition(END)
+        readme.write_text('\n'.join([before + BEGIN, *lines, END + after]))
+
+
+if __name__ == '__main__':
+    main()
