@@ -2,6 +2,7 @@
 
 import functools
 import time
+from collections.abc import Callable
 from typing import Any
 
 import rclpy.node
@@ -16,7 +17,7 @@ from sesa2.bags.writing import record
 from sesa2.configuration import ConfigurationError, Mistake, files
 from sesa2.errors import Sesa2Error
 from sesa2.messages.results import TYPES
-from sesa2.nodes.diagnostics import OK, WARN, Diagnostics
+from sesa2.nodes.diagnostics import ERROR, OK, Diagnostics
 from sesa2.nodes.parameters import declare_configuration
 from sesa2.nodes.qos import ANY_STREAM, EVERY_LATCHED, STREAM
 from sesa2.nodes.runtime import run_alone
@@ -86,22 +87,24 @@ class Recorder(rclpy.node.Node):
         self.create_subscription(kind, topic, functools.partial(self._write, number), qos, raw=True)
 
     def _write(self, number: int, data: bytes) -> None:
-        self._guard(lambda: self._bag.write(number, time.time_ns(), data))
-        self.n_messages += 1
+        if self._guard(lambda: self._bag.write(number, time.time_ns(), data)):
+            self.n_messages += 1
 
     def _flush(self) -> None:
         self._guard(self._bag.flush)
 
-    def _guard(self, action: Any) -> None:
+    def _guard(self, action: Callable[[], None]) -> bool:
+        """Do something to the bag, unless it has failed; whether that went well."""
         if self.finished:
-            return
+            return False
         try:
             action()
         except Sesa2Error as error:
             self.failure, self.finished = error, True
+        return not self.finished
 
     def _report(self) -> list[tuple[str, bytes, str, dict[str, Any]]]:
-        level, text = (WARN, str(self.failure)) if self.failure else (OK, f'recording into {self.path}')
+        level, text = (ERROR, str(self.failure)) if self.failure else (OK, f'recording into {self.path}')
         return [('bag', level, text, {'messages': self.n_messages})]
 
 

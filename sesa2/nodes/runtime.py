@@ -58,10 +58,13 @@ class Spinner:
     def remove(self, node: Node) -> None:
         """End a node: its own `close`, where it has one, while ROS still serves it; then the node."""
         self._nodes.remove(node)
-        if hasattr(node, 'close'):
-            node.close()
         self._executor.remove_node(node)
-        node.destroy_node()
+        _silence(node)
+        try:
+            if hasattr(node, 'close'):
+                node.close()
+        finally:
+            node.destroy_node()
 
     def spin_once(self) -> None:
         """Do what is to be done; waits a tenth of a second at most."""
@@ -74,6 +77,16 @@ class Spinner:
         while self._nodes:
             self.remove(self._nodes[-1])
         self._executor.shutdown()
+
+
+def _silence(node: Node) -> None:
+    """Let nothing happen that still stands in the executor's queue: it would be called after the node is gone."""
+    for subscription in node.subscriptions:
+        subscription.callback = lambda message: None
+    for timer in node.timers:
+        timer.callback = lambda: None
+    for service in node.services:
+        service.callback = lambda request, response: response
 
 
 def run_alone(make: Callable[[], Any]) -> int:

@@ -8,12 +8,12 @@ import pytest
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.msg import Log
-from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
 from sesa2.configuration import validate
 from sesa2.link.virtual.board import VirtualBoard
 from sesa2.nodes.parameters import overrides
+from sesa2.nodes.runtime import Spinner
 
 # Long enough for a slow machine; reached only by a test that fails.
 PATIENCE_S = 60.0
@@ -22,32 +22,29 @@ LOGS = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
 class Graph:
-    """Nodes under test and the test's own node `probe`, on one executor."""
+    """Nodes under test and the test's own node `probe`, run as the programs run theirs."""
 
     def __init__(self):
-        self.executor = EventsExecutor()
+        self._spinner = Spinner()
         self.nodes = []
         self.probe = self.add(rclpy.create_node('probe'))
 
     def add(self, node):
         self.nodes.append(node)
-        self.executor.add_node(node)
+        self._spinner.add(node)
         return node
 
     def remove(self, node):
         """End a node."""
         self.nodes.remove(node)
-        if hasattr(node, 'close'):
-            node.close()
-        self.executor.remove_node(node)
-        node.destroy_node()
+        self._spinner.remove(node)
 
     def until(self, condition: Callable[[], object], what: str = ''):
         """Spin until the condition holds."""
         deadline = time.monotonic() + PATIENCE_S
         while not (result := condition()):
             assert time.monotonic() < deadline, f'waited {PATIENCE_S:g} s in vain: {what or condition}'
-            self.executor.spin_once(timeout_sec=0.05)
+            self._spinner.spin_once()
         return result
 
     def listen(self, kind, topic, qos, **options):
@@ -99,7 +96,7 @@ class Graph:
     def close(self):
         while self.nodes:
             self.remove(self.nodes[-1])
-        self.executor.shutdown()
+        self._spinner.__exit__()
 
 
 class Diagnosis:
