@@ -93,7 +93,7 @@ def softarm_rows(path):
     truth = Trajectory(times, p[:, 1:], names)
 
     def shape(offsets):
-        """Ends of the sections; offsets: rotation vectors of the four frames against the arm, base first, (4, 3), rad."""
+        """Ends of the sections; offsets: turns of the four frames against the arm, base first, (4, 3), rad."""
         frames = [
             (Rotation.from_quat(q[:, k]) * Rotation.from_rotvec(offset)).as_quat()
             for k, offset in enumerate(offsets)
@@ -107,7 +107,7 @@ def softarm_rows(path):
         return found.models['pcc_exact']['up'].median_pct
 
     def placed(x):
-        """Where the frames' origins should be: x holds their turns (4, 3), rad, and their places beside the axis (4, 3), m."""
+        """Where the frames should be: x holds their turns, (4, 3), rad, and places beside the axis, (4, 3), m."""
         turns, beside = x.reshape(2, 4, 3)
         away = [Rotation.from_quat(q[:, k]).apply(beside[k]) for k in range(4)]
         return shape(turns) - away[0][:, None] + np.stack(away[1:], axis=1)

@@ -169,7 +169,8 @@ def test_what_cannot_be_played_is_refused(graph, play, tmp_path):
     with new_bag(tmp_path / 'texts') as bag:
         bag.add_topic('/configuration', 'std_msgs/msg/String')
     with pytest.raises(
-        Sesa2Error, match=r'no IMU topic, expected imu_<id>/data .*; its topics: /configuration'
+        Sesa2Error,
+        match=r'no message of an IMU, expected topics imu_<id>/data .*; its topics: /configuration',
     ):
         play(tmp_path / 'texts')
     (tmp_path / 'noise.mcap').write_bytes(bytes(range(256)))

@@ -188,7 +188,10 @@ def test_after_a_kill_all_but_the_last_second_is_replayed(graph, configured, boa
     times = []
     with node('recorder', tmp_path, '--ros-args', '--params-file', config) as recorder:
         graph.probe.create_subscription(
-            Imu, 'imu_5/data', lambda m: times.append(m.header.stamp.sec + 1e-9 * m.header.stamp.nanosec), STREAM
+            Imu,
+            'imu_5/data',
+            lambda m: times.append(m.header.stamp.sec + 1e-9 * m.header.stamp.nanosec),
+            STREAM,
         )
         bridge = graph.add(SerialBridge(parameter_overrides=configured(values('', board.path))))
         graph.until(lambda: bridge._data_publishers[5].get_subscription_count() == 2, 'the recorder')
