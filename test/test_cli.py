@@ -97,7 +97,10 @@ WRONG = {
         {'markers': {'positions': [0.1, 0.4]}},
         'markers.positions[1]: 0.4 m is beyond the tip at 0.3 m',
     ),
-    'unsorted positions': ({'imus': {'positions': [0.3, 0.1]}}, 'imus.positions[1]: 0.1 m is not after 0.3 m'),
+    'unsorted positions': (
+        {'imus': {'positions': [0.3, 0.1]}},
+        'imus.positions[1]: 0.1 m is not after 0.3 m',
+    ),
     'too few positions': ({'imus': {'positions': [0.1]}}, 'imus.positions: has 1 entries, expected 2'),
     'too many flags': ({'imus': {'enabled': [True] * 3}}, 'imus.enabled: has 3 entries, expected 2'),
     'no unit quaternion': (
@@ -177,7 +180,16 @@ def test_replay_says_what_it_did(capfd, config, bag, tmp_path):
 
 
 def test_replay_by_other_models(config, bag, tmp_path):
-    arguments = ['replay', bag, '--config', config(), '--out', tmp_path / 'out', '--models', 'rigid,pcc_exact']
+    arguments = [
+        'replay',
+        bag,
+        '--config',
+        config(),
+        '--out',
+        tmp_path / 'out',
+        '--models',
+        'rigid,pcc_exact',
+    ]
     assert main([str(a) for a in arguments]) == 0
     with open_recording(tmp_path / 'out') as recording:
         models = {topic.split('/')[1] for topic in recording.topics if topic.endswith('/tip')}
@@ -288,7 +300,9 @@ def test_run_calibrates(config, board, tmp_path):
     arm = config(calibration={'file': str(file)})
     arguments = ('--source', 'serial', '--port', board.path, '--mode', 'calibrate')
     with command(tmp_path, 'run', '--config', arm, *arguments) as program:
-        program.until(lambda: file.exists() and set(yaml.safe_load(file.read_text())['imus']) == {2, 5}, 'both')
+        program.until(
+            lambda: file.exists() and set(yaml.safe_load(file.read_text())['imus']) == {2, 5}, 'both'
+        )
         program.signal(signal.SIGINT)
         assert program.ended() == 0, program.errors
     assert 'keep it still' in program.errors or 'figures of eight' in program.errors
@@ -297,11 +311,17 @@ def test_run_calibrates(config, board, tmp_path):
 
 BAD_RUNS = {
     'port absent': (('--source', 'serial', '--port', '{tmp}/tty'), 'serial port {tmp}/tty is not there'),
-    'port busy': (('--source', 'serial', '--port', '{port}'), 'serial port {port} is held by another program'),
+    'port busy': (
+        ('--source', 'serial', '--port', '{port}'),
+        'serial port {port} is held by another program',
+    ),
     'bag missing': (('--source', 'bag', '--bag', '{tmp}/nothing'), '{tmp}/nothing: '),
     'bag not named': (('--source', 'bag'), "run.bag: is empty, and the source is 'bag'"),
     'bag without IMUs': (('--source', 'bag', '--bag', '{tmp}/texts'), 'imu_<id>/data'),
-    'start beyond the end': (('--source', 'bag', '--bag', '{tmp}/in', '--start', '9'), 'nothing to play after 9 s'),
+    'start beyond the end': (
+        ('--source', 'bag', '--bag', '{tmp}/in', '--start', '9'),
+        'nothing to play after 9 s',
+    ),
     'record into a file': (('--source', 'sim', '--record', '{tmp}/arm.yaml/out'), 'cannot be written'),
     'calibrate a bag': (('--source', 'bag', '--bag', '{tmp}/in', '--mode', 'calibrate'), 'run.mode: got '),
     'calibrate without a file': (('--source', 'sim', '--mode', 'calibrate'), 'calibration.file: is empty'),
@@ -316,7 +336,9 @@ def test_run_says_what_it_cannot_do(config, board, bag, tmp_path, bad):
     names = {'tmp': tmp_path, 'port': board.path}
     other = SerialPort(board.path, 500_000)
     try:
-        with command(tmp_path, 'run', '--config', config(), *(a.format(**names) for a in arguments)) as program:
+        with command(
+            tmp_path, 'run', '--config', config(), *(a.format(**names) for a in arguments)
+        ) as program:
             assert failed_clearly(program, expected.format(**names))
     finally:
         other.close()

@@ -168,7 +168,7 @@ def test_what_cannot_be_played_is_refused(graph, play, tmp_path):
         play('')
     with new_bag(tmp_path / 'texts') as bag:
         bag.add_topic('/configuration', 'std_msgs/msg/String')
-    with pytest.raises(Sesa2Error, match='expected topics imu_<id>/data .*; its topics: /configuration'):
+    with pytest.raises(Sesa2Error, match=r'expected topics imu_<id>/data .*; its topics: /configuration'):
         play(tmp_path / 'texts')
     (tmp_path / 'noise.mcap').write_bytes(bytes(range(256)))
     with pytest.raises(Sesa2Error, match=r'noise\.mcap'):

@@ -47,7 +47,10 @@ def test_each_node_ends_cleanly(graph, board, tmp_path, number):
         diagnosis = graph.diagnosis()
 
         def under_way():
-            parts = {name: diagnosis.latest(name) for name in ('serial_bridge: link', 'player: bag', 'recorder: bag')}
+            parts = {
+                name: diagnosis.latest(name)
+                for name in ('serial_bridge: link', 'player: bag', 'recorder: bag')
+            }
             return (
                 all(parts.values())
                 and int(parts['serial_bridge: link'][2]['sweeps']) > 10
@@ -142,7 +145,9 @@ def test_what_a_node_cannot_do_without_is_named(tmp_path):
         'player': 'run.bag: is empty, expected a recording to play',
     }
     config = tmp_path / 'arm.yaml'
-    config.write_text(files.dump(validate({'arm': {'length': 0.3}, 'imus': {'ids': [1], 'positions': [0.1]}})))
+    config.write_text(
+        files.dump(validate({'arm': {'length': 0.3}, 'imus': {'ids': [1], 'positions': [0.1]}}))
+    )
     with ExitStack() as stack:
         programs = {
             name: stack.enter_context(node(name, tmp_path, '--ros-args', '--params-file', config))
@@ -150,5 +155,3 @@ def test_what_a_node_cannot_do_without_is_named(tmp_path):
         }
         for name, program in programs.items():
             assert failed_clearly(program, expected[name])
-
-

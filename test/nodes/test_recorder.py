@@ -103,7 +103,7 @@ def test_the_bag_holds_what_was_on_the_graph_and_explains_itself(graph, live, tm
 
 @pytest.mark.parametrize('part', ['imu', 'results'])
 def test_what_is_not_wanted_is_not_recorded(graph, live, tmp_path, part):
-    recorder, estimator, _ = live(tmp_path / 'bag', **{part: False})
+    recorder, _, _ = live(tmp_path / 'bag', **{part: False})
     graph.until(lambda: recorder.n_messages >= 50, 'messages')
     graph.close()
     topics = set(messages_by_topic(tmp_path / 'bag'))
@@ -188,7 +188,10 @@ def test_after_a_kill_all_but_the_last_second_is_replayed(graph, configured, boa
     times = []
     with node('recorder', tmp_path, '--ros-args', '--params-file', config) as recorder:
         graph.probe.create_subscription(
-            Imu, 'imu_5/data', lambda m: times.append(m.header.stamp.sec + 1e-9 * m.header.stamp.nanosec), STREAM
+            Imu,
+            'imu_5/data',
+            lambda m: times.append(m.header.stamp.sec + 1e-9 * m.header.stamp.nanosec),
+            STREAM,
         )
         bridge = graph.add(SerialBridge(parameter_overrides=configured(values('', board.path))))
         graph.until(lambda: bridge._data_publishers[5].get_subscription_count() == 2, 'the recorder')

@@ -93,7 +93,10 @@ def test_ros_says_why_it_cannot_start(tmp_path):
     with pytest.raises(ConfigurationError, match='cannot be read: No such file'), ros(arguments):
         pass
     file.write_text('/**:\n  ros__parameters:\n    imus: {positions: [0.1, 0, 0.3]}\n')
-    with pytest.raises(ConfigurationError, match=r'imus\.positions\[1\]: got the integer 0.*write 0\.0'), ros(arguments):
+    with (
+        pytest.raises(ConfigurationError, match=r'imus\.positions\[1\]: got the integer 0.*write 0\.0'),
+        ros(arguments),
+    ):
         pass
-    with pytest.raises(Sesa2Error, match='ROS cannot start: .*bogus'), ros(['--ros-args', '--bogus']):
+    with pytest.raises(Sesa2Error, match=r'ROS cannot start: .*bogus'), ros(['--ros-args', '--bogus']):
         pass
