@@ -47,6 +47,7 @@ class Player(rclpy.node.Node):
         self._imus = ImuRecording(self._recording)
         imus = self.configuration.imus
         configured = [*imus.ids, imus.base_id] if imus.base_id else imus.ids
+        enabled = {i for i, used in zip(imus.ids, imus.enabled, strict=True) if used} | {imus.base_id}
         unknown = sorted(set(self._imus.counts) - set(configured))
         if unknown:
             self.get_logger().warning(
@@ -55,6 +56,7 @@ class Player(rclpy.node.Node):
         self._publishers_of_imus = {
             i: self.create_publisher(Imu, f'imu_{i}/data', STREAM) for i in self._imus.counts
         }
+        self._awaited = [p for i, p in self._publishers_of_imus.items() if i in enabled]
         self._clock_publisher = self.create_publisher(Clock, '/clock', 10) if self._run.clock else None
         self._clock_ns = 0
         self.finished = False
@@ -91,8 +93,7 @@ class Player(rclpy.node.Node):
     def _wait_for_listeners(self) -> None:
         """A listener that is not known yet would miss the beginning."""
         deadline = time.monotonic() + _LISTENERS_PATIENCE_S
-        publishers = self._publishers_of_imus.values()
-        while time.monotonic() < deadline and not all(p.get_subscription_count() for p in publishers):
+        while time.monotonic() < deadline and not all(p.get_subscription_count() for p in self._awaited):
             if self._stop.wait(0.02):
                 return
 

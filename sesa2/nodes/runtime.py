@@ -82,11 +82,11 @@ class Spinner:
 def _silence(node: Node) -> None:
     """Let nothing happen that still stands in the executor's queue: it would be called after the node is gone."""
     for subscription in node.subscriptions:
-        subscription.callback = lambda message: None
+        subscription.callback = lambda _: None
     for timer in node.timers:
         timer.callback = lambda: None
     for service in node.services:
-        service.callback = lambda request, response: response
+        service.callback = lambda _, response: response
 
 
 def run_alone(make: Callable[[], Any]) -> int:

@@ -155,7 +155,7 @@ class SerialBridge(rclpy.node.Node):
 
     def _take_scores(self, imu: int, scores: Scores) -> None:
         before, self._scores[imu] = self._scores.get(imu), scores
-        # The fusion has moved on: what was read before is not what it uses at these scores, and not to be saved as such.
+        # The fusion has moved on: what was read before is not what it uses at these scores.
         self._offsets.pop(imu, None)
         fusion = self.configuration.serial.fusion
         newly = scores.complete(fusion) and not (before and before.complete(fusion))

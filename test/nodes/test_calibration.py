@@ -165,7 +165,7 @@ def test_without_a_file_there_is_nothing_to_do(graph, configured):
 
 
 def test_a_calibration_from_first_to_last(graph, configured, boards, file):
-    """A bridge in calibrate mode and a board: a new file holds what the chips learnt, and the next start restores it."""
+    """Bridge, board and node: a new file holds what the chips learnt, and the next start restores it."""
     c = validate(values(file, mode='calibrate'))
     board = boards(arm_of(c, halted(plausible(c, 0.0))), calibration_s=1.0)
     learned = {i: Offsets.from_registers(board._chips[i]._learned) for i in (2, 5)}

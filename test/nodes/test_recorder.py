@@ -103,7 +103,7 @@ def test_the_bag_holds_what_was_on_the_graph_and_explains_itself(graph, live, tm
 
 @pytest.mark.parametrize('part', ['imu', 'results'])
 def test_what_is_not_wanted_is_not_recorded(graph, live, tmp_path, part):
-    recorder, estimator, _ = live(tmp_path / 'bag', **{part: False})
+    recorder, _, _ = live(tmp_path / 'bag', **{part: False})
     graph.until(lambda: recorder.n_messages >= 50, 'messages')
     graph.close()
     topics = set(messages_by_topic(tmp_path / 'bag'))

@@ -98,5 +98,5 @@ def test_ros_says_why_it_cannot_start(tmp_path):
         ros(arguments),
     ):
         pass
-    with pytest.raises(Sesa2Error, match='ROS cannot start: .*bogus'), ros(['--ros-args', '--bogus']):
+    with pytest.raises(Sesa2Error, match=r'ROS cannot start: .*bogus'), ros(['--ros-args', '--bogus']):
         pass
