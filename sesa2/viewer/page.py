@@ -120,6 +120,7 @@ class Page:
         self._run_buttons = self._gui.add_button_group('System', ('Start', 'Stop'), visible=False)
         self._record_buttons = self._gui.add_button_group('Recording', ('Record', 'End'), visible=False)
         self._message = self._gui.add_html('')
+        self._form_mistakes = self._gui.add_html('')
 
         @self._run_buttons.on_click
         def _(_: Any) -> None:
@@ -176,7 +177,8 @@ class Page:
     def _checked(self) -> Configuration:
         c = self._form.check()
         if c is None:
-            raise Sesa2Error('not done, since the form has mistakes:\n' + self._mistakes())
+            self._tell_mistakes()
+            raise Sesa2Error('not done, since the form has mistakes')
         return c
 
     def _load(self, name: str) -> str:
@@ -201,7 +203,8 @@ class Page:
         return '\n'.join(f'{m.place}: {m.message}' for m in self._form.mistakes)
 
     def _tell_mistakes(self) -> None:
-        self._tell(self._mistakes(), bad=True)
+        lines = self._mistakes().splitlines()
+        _set(self._form_mistakes, 'content', mistake_html(lines) if lines else '')
 
     def _tell(self, text: str, bad: bool = False) -> None:
         lines = text.splitlines()

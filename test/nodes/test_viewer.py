@@ -1,5 +1,6 @@
 """The viewer as a person uses it: its own process, a running system on the graph, and a real browser."""
 
+import contextlib
 import os
 import re
 import signal
@@ -13,6 +14,7 @@ import pytest
 import rclpy
 from browsing import browser, tab  # noqa: F401  fixtures
 from rcl_interfaces.msg import SetParametersResult
+from rclpy.exceptions import InvalidHandle
 from sensor_msgs.msg import Imu
 from std_srvs.srv import Trigger
 
@@ -95,7 +97,9 @@ class SteeredSystem:
 
     def _spin(self):
         while not self.ended.is_set():
-            self.spinner.spin_once()
+            # A message may be on its way to a node that a service call has just ended.
+            with contextlib.suppress(InvalidHandle):
+                self.spinner.spin_once()
 
     def _check(self, parameters):
         try:
