@@ -344,7 +344,6 @@ def test_run_says_what_it_cannot_do(config, board, bag, tmp_path, bad):
         other.close()
 
 
-@pytest.mark.xfail(reason='the system opens the bag to record before the one to play', strict=True)
 def test_run_that_cannot_start_records_nothing(config, tmp_path):
     arguments = ('--source', 'bag', '--bag', tmp_path / 'nothing', '--record', tmp_path / 'recorded')
     with command(tmp_path, 'run', '--config', config(), *arguments) as program:

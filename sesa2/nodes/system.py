@@ -9,6 +9,8 @@ from typing import Any, TypeVar
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
+from sesa2.bags.reading import ImuRecording
+from sesa2.bags.recording import open_recording
 from sesa2.configuration import Configuration, ConfigurationError, Mistake
 from sesa2.errors import Sesa2Error
 from sesa2.link.virtual.board import VirtualBoard
@@ -76,6 +78,10 @@ class System:
                 self.board = make_virtual_board(configuration)
                 serial = replace(configuration.serial, port=self.board.path)
                 configuration = replace(configuration, serial=serial)
+            if configuration.run.source == 'bag':
+                # Seen before the recorder makes a bag that nothing would go into.
+                with open_recording(configuration.run.bag) as recording:
+                    ImuRecording(recording)
             self._options = {'parameter_overrides': overrides(configuration), 'use_global_arguments': False}
             for make in _wanted(configuration):
                 self._keep(make(**self._options))
