@@ -91,6 +91,12 @@ def _from_straight_pose(
     head = ('IMU', 'samples', 'mounting x y [°]', 'heading [°]', 'left about z [°]', 'spread [°]')
     print(f'straight pose of {t[-1] - t[0]:.1f} s')
     print('\n'.join(table(head, rows)))
+    unheard = [
+        f'IMU {i}: no sample; its mounting is left as it was'
+        for i, n in zip(c.imus.ids, found.samples, strict=True)
+        if not n
+    ]
+    warn(unheard)
     return found.mountings, found.headings
 
 

@@ -1,0 +1,169 @@
+"""Commands over recordings, end to end: align, evaluate, view, budget and twin, as a user calls them."""
+
+import json
+
+import numpy as np
+import pytest
+
+from sesa2.bags.reading import read_poses
+from sesa2.bags.writing import new_bag
+from sesa2.cli import main
+from sesa2.configuration import files, validate
+from sesa2.messages.imu import TYPE, ImuMessages
+from sesa2.shape.rotations import IDENTITY, from_rotation_vector, multiply, rotate
+
+START_NS = 1_700_000_000 * 10**9
+IDS = [1, 2, 3, 4]
+TILT = np.deg2rad([[2.0, 0.0, 0.0], [0.0, -1.5, 0.0], [1.0, 1.0, 0.0], [0.0, 0.0, 0.0]])
+
+
+@pytest.fixture
+def config(tmp_path):
+    c = validate(
+        {
+            'arm': {'length': 0.4},
+            'imus': {'ids': IDS, 'positions': [0.1, 0.2, 0.3, 0.4]},
+            'markers': {'names': ['A', 'B'], 'positions': [0.2, 0.4]},
+            'models': ['pcc', 'spline'],
+            'links': 8,
+        }
+    )
+    path = tmp_path / 'arm.yaml'
+    path.write_text(files.dump(c))
+    return path
+
+
+def bending(t):
+    """An arm that swings in two planes at unrelated rates: q_WL (n, 4, 4) at times t (n,)."""
+    part = np.arange(1, 5) / 4.0
+    bend = np.stack([0.9 * np.sin(1.3 * t), 1.1 * np.sin(0.7 * t + 1.0), 0.0 * t], axis=-1)
+    return from_rotation_vector(bend[:, None, :] * part[:, None])
+
+
+def recording(path, t, q_WS):
+    """A bag of what four IMUs measured at times t, s."""
+    with new_bag(path) as bag:
+        topics = [bag.add_topic(f'/imu_{i}/data', TYPE) for i in IDS]
+        for k, now in enumerate(t):
+            for n, i in enumerate(IDS):
+                stamp = START_NS + round(now * 1e9) + n * 500_000
+                bag.write(topics[n], stamp, ImuMessages(f'imu_{i}').make(stamp, q_WS[k, n]))
+    return path
+
+
+def mounted(q_WL):
+    return multiply(q_WL, from_rotation_vector(TILT))
+
+
+def test_align_finds_the_mountings_in_a_straight_pose(tmp_path, config, capsys):
+    t = np.arange(200) / 50.0
+    bag = recording(tmp_path / 'pose', t, mounted(np.tile(IDENTITY, (len(t), 4, 1))))
+    out = tmp_path / 'aligned.yaml'
+    assert main(['align', str(bag), '--config', str(config), '--out', str(out)]) == 0
+    assert 'IMU' in capsys.readouterr().out
+    found = files.load(out).mountings
+    np.testing.assert_allclose(found, from_rotation_vector(TILT), atol=1e-6)
+    assert main(['align', str(bag), '--config', str(config), '--out', str(out)]) == 1
+    assert 'exists already' in capsys.readouterr().err
+
+
+def test_align_refuses_an_arm_that_moved_and_writes_nothing(tmp_path, config, capsys):
+    t = np.arange(500) / 50.0
+    bag = recording(tmp_path / 'moved', t, bending(t))
+    out = tmp_path / 'aligned.yaml'
+    assert main(['align', str(bag), '--config', str(config), '--out', str(out)]) == 1
+    assert 'the arm moved' in capsys.readouterr().err
+    assert not out.exists()
+
+
+def test_self_calibration_makes_the_mountings_better(tmp_path, config, capsys):
+    t = np.arange(3000) / 50.0
+    bag = recording(tmp_path / 'motion', t, mounted(bending(t)))
+    out = tmp_path / 'calibrated.yaml'
+    assert main(['align', str(bag), '--self', '--config', str(config), '--out', str(out)]) == 0
+    assert '±' in capsys.readouterr().out
+    left = multiply(files.load(out).mountings, from_rotation_vector(-TILT))
+    assert np.linalg.norm(left[:, :2]) < 0.9 * np.linalg.norm(np.sin(TILT / 2))
+
+
+def test_evaluate_finds_offset_and_frame_and_prints_what_the_design_says(tmp_path, config, capsys):
+    t = np.arange(1500) / 50.0
+    bag, estimate = recording(tmp_path / 'motion', t, bending(t)), tmp_path / 'estimate'
+    assert main(['replay', str(bag), '--config', str(config), '--out', str(estimate)]) == 0
+    poses = read_poses(estimate, 'pcc/markers')
+    turn, shift = from_rotation_vector([0.0, 0.0, 0.4]), np.array([0.3, -0.1, 1.0])
+    truth = tmp_path / 'mocap.csv'
+    rows = rotate(turn, poses.positions) + shift
+    lines = ['time_s,A_x,A_y,A_z,B_x,B_y,B_z']
+    seconds = poses.times_s - poses.times_s[0] + 5.25
+    lines += [','.join(f'{v:.7f}' for v in (s, *row.ravel())) for s, row in zip(seconds, rows, strict=True)]
+    truth.write_text('\n'.join(lines))
+    capsys.readouterr()
+    arguments = [str(estimate), '--truth', str(truth), '--register', 'rigid']
+    assert (
+        main(['evaluate', *arguments, '--models', 'pcc', '--json', '--report', str(tmp_path / 'report')]) == 0
+    )
+    printed = capsys.readouterr().out
+    figures = json.loads(printed[: printed.rindex('}') + 1])
+    assert set(figures) == {'models', 'time_offset_s', 'registration'}
+    assert set(figures['models']['pcc']['A']) == {
+        'median_mm',
+        'q3_mm',
+        'rmse_mm',
+        'median_pct',
+        'q3_pct',
+        'n',
+    }
+    assert figures['models']['pcc']['B']['median_mm'] < 0.2
+    np.testing.assert_allclose(figures['time_offset_s'], 5.25 - poses.times_s[0], atol=1e-3)
+    np.testing.assert_allclose(figures['registration']['translation_m'], shift, atol=1e-3)
+    assert (tmp_path / 'report/index.html').exists()
+    truth.write_text('time_s,A_x,A_y,A_z\n0.0,1,2,3\n')
+    assert main(['evaluate', *arguments]) == 1
+    assert 'B_x' in capsys.readouterr().err
+
+
+def test_evaluate_refuses_a_bag_without_a_configuration(tmp_path, capsys):
+    bag = recording(tmp_path / 'motion', np.arange(5) / 50.0, bending(np.arange(5) / 50.0))
+    assert main(['evaluate', str(bag), '--truth', str(tmp_path / 'none.csv')]) == 1
+    assert 'has no topic configuration' in capsys.readouterr().err
+
+
+def test_view_writes_one_page(tmp_path, config, capsys):
+    pytest.importorskip('viser', reason='the extra viewer is not installed')
+    t = np.arange(100) / 50.0
+    bag, estimate, page = (
+        recording(tmp_path / 'motion', t, bending(t)),
+        tmp_path / 'estimate',
+        tmp_path / 'arm.html',
+    )
+    assert main(['replay', str(bag), '--config', str(config), '--out', str(estimate)]) == 0
+    assert main(['view', str(estimate), '--html', str(page)]) == 0
+    assert page.read_text().lstrip().lower().startswith('<!doctype html')
+    assert main(['view', str(bag), '--html', str(tmp_path / 'other.html')]) == 1
+    assert main(['view', str(estimate), '--html', str(page)]) == 1
+    assert 'exists already' in capsys.readouterr().err
+
+
+def test_budget_names_every_source(config, capsys):
+    assert main(['budget', '--config', str(config), '--samples', '200']) == 0
+    printed = capsys.readouterr().out
+    for source in ('mounting', 'heading', 'latency'):
+        assert source in printed
+    assert main(['budget', '--config', str(config), '--samples', '200', '--json']) == 0
+    json.loads(capsys.readouterr().out)
+
+
+def test_a_twin_is_replayed_and_evaluated_against_its_own_truth(tmp_path, config, capsys):
+    pytest.importorskip('elastica', reason='the extra sim is not installed')
+    trial, estimate = tmp_path / 'trial', tmp_path / 'estimate'
+    twin = ['twin', '--config', str(config), '--out', str(trial), '--seconds', '12', '--seed', '3']
+    assert main(twin) == 0
+    assert (trial / 'trial.npz').exists()
+    assert main(['replay', str(trial), '--config', str(config), '--out', str(estimate)]) == 0
+    capsys.readouterr()
+    assert main(['evaluate', str(estimate), '--truth', str(trial), '--time-offset', '-0.02', '--json']) == 0
+    figures = json.loads(capsys.readouterr().out)
+    assert figures['models']['pcc']['B']['median_pct'] < 15.0
+    assert main([*twin[:-4], '--seconds', '12', '--error', 'humidity=1']) == 1
+    assert 'exists already' in capsys.readouterr().err
