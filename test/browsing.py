@@ -73,6 +73,10 @@ class Tab:
         row = self.page.locator('.mantine-Flex-root').filter(has=name)
         return row.locator('input').filter(visible=True).first
 
+    def choose(self, label, option):
+        self.field(label).click()
+        self.page.get_by_role('option', name=option, exact=True).click()
+
     def press(self, button):
         self.page.get_by_role('button', name=button, exact=True).click()
 

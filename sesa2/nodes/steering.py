@@ -9,7 +9,6 @@ from rclpy.parameter_client import AsyncParameterClient
 from rclpy.task import Future
 from std_srvs.srv import Trigger
 
-from sesa2.viewer.live import Live
 from sesa2.viewer.steering import SteeringError
 
 _PATIENCE_S = 15.0  # a start brings up nodes and a port; reading eight chips' offsets takes 5 s
@@ -31,12 +30,9 @@ class GraphSteering:
     ----------
     node
         on an executor that spins.
-    live
-        says whether something runs that a start has to stop first.
     """
 
-    def __init__(self, node: Node, live: Live):
-        self._live = live
+    def __init__(self, node: Node):
         self._triggers = {
             action: node.create_client(Trigger, service) for action, service in _SERVICES.items()
         }
@@ -52,10 +48,8 @@ class GraphSteering:
         return self._triggers[action].service_is_ready()
 
     def start(self, configuration: str) -> str:
-        """Start with this configuration; what runs is stopped first, once the configuration has been taken."""
+        """Start with this configuration; what runs is stopped first."""
         self._plan(configuration)
-        if self._live.running:
-            self.act('stop')
         return self.act('start')
 
     def record(self, configuration: str) -> str:

@@ -61,7 +61,7 @@ class Viewer(rclpy.node.Node):
             start_parameter_services=False,
         )
         self._listener = Listener(self, self._streams)
-        self._steering = GraphSteering(self, self._listener.live)
+        self._steering = GraphSteering(self)
         self.page = Page(self._server, self._listener.live, self._steering)
         self._shown: Configuration | None = None
         self._planned = ''  # the configuration of the next start, as the system has it

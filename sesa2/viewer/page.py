@@ -43,6 +43,7 @@ class Page:
         self._readings_due = self._plot_due = 0.0
         self._file = ''
         self._gui.configure_theme(show_logo=False, show_share_button=False, control_width='large')
+        self._gui.main_panel.dock_right()
         self.scene = Scene(server)
         self._add_controls()
         tabs = self._gui.add_tab_group()

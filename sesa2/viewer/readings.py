@@ -30,11 +30,11 @@ def state_html(live: Live, steerable: bool) -> str:
     if estimator and live.latency_s is not None and abs(live.latency_s) < 10.0:
         facts.append(f'{1e3 * live.latency_s:.1f} ms late')
     if link := bridge.get('link'):
-        facts.append(f'{link.values.get("lost_sweeps", "0")} sweeps lost')
+        facts.append(f'{link.values.get("lost_sweeps", "0")} lost')
         damaged = sum(
             int(n) for key, n in link.values.items() if key.startswith('frame_errors_') and n.isdigit()
         )
-        facts.append(f'{damaged} frames damaged')
+        facts.append(f'{damaged} damaged')
     head = f'<b style="color:{colour}">● {state}</b> {" · ".join(map(escape, facts))}'
     if not steerable:
         head += (
@@ -44,13 +44,16 @@ def state_html(live: Live, steerable: bool) -> str:
 
 
 def _complaints(live: Live) -> str:
-    nodes = ('estimator', 'serial_bridge', 'calibration', 'recorder', 'player')
+    nodes = ('system', 'estimator', 'serial_bridge', 'calibration', 'recorder', 'player')
     found = [
         (d.level, f'{node}: {part}', d.message)
         for node in nodes
         for part, d in live.heard(node).items()
         # That a sensor is not calibrated yet is said by its bars.
-        if d.level and not (node == 'calibration' and part.startswith('imu_'))
+        if d.level
+        and not (node == 'calibration' and part.startswith('imu_'))
+        # That nothing runs is said by the state.
+        and not (node == 'system' and d.level < 2)
     ]
     found.sort(key=lambda item: -item[0])
     lines = [

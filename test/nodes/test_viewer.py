@@ -1,6 +1,5 @@
 """The viewer as a person uses it: its own process, a running system on the graph, and a real browser."""
 
-import contextlib
 import os
 import re
 import signal
@@ -13,18 +12,15 @@ import numpy as np
 import pytest
 import rclpy
 from browsing import browser, tab  # noqa: F401  fixtures
-from rcl_interfaces.msg import SetParametersResult
-from rclpy.exceptions import InvalidHandle
 from sensor_msgs.msg import Imu
-from std_srvs.srv import Trigger
 
-from sesa2.configuration import ConfigurationError, files, validate
-from sesa2.errors import Sesa2Error
+from sesa2.configuration import files, validate
 from sesa2.messages.imu import ImuMessages
 from sesa2.nodes.estimator import EstimatorNode
 from sesa2.nodes.qos import STREAM
 from sesa2.nodes.runtime import Spinner
 from sesa2.nodes.system import System
+from sesa2.nodes.system_node import SystemNode
 from sesa2.shape.rotations import from_rotation_vector
 
 pytest.importorskip('viser', reason='viser is not installed: pip install sesa2[viewer]')
@@ -40,7 +36,7 @@ VALUES = {
 
 
 class SteeredSystem:
-    """What `sesa2 run` offers on the graph, around the same nodes.
+    """`sesa2 run --viewer` within the test, which has a viewer of its own.
 
     With the source `external` it plays IMUs whose arm bends as the test says; with `sim`, the virtual board does.
     """
@@ -48,19 +44,14 @@ class SteeredSystem:
     def __init__(self):
         self.bend = np.zeros(3)  # rotation vector from one IMU to the next, rad
         self.alive = {1, 2}
-        self.refuse_start = ''
         self.spinner = Spinner()
         self.system = System(self.spinner)
-        self.node = rclpy.create_node('system')
-        self.node.add_on_set_parameters_callback(self._check)
-        self.node.declare_parameter('configuration', files.dump(validate(VALUES)))
-        for name in ('start', 'stop', 'record', 'stop_record'):
-            self.node.create_service(Trigger, f'system/{name}', self._serve(getattr(self, name)))
-        self.imu_messages = {i: ImuMessages(f'imu_{i}') for i in (1, 2)}
-        self.imus = {i: self.node.create_publisher(Imu, f'imu_{i}/data', STREAM) for i in (1, 2)}
+        self.node = SystemNode(self.system, validate(VALUES))
         self.node.create_timer(1.0 / 30.0, self._play)
         self.spinner.add(self.node)
-        self.start()
+        self.imu_messages = {i: ImuMessages(f'imu_{i}') for i in (1, 2)}
+        self.imus = {i: self.node.create_publisher(Imu, f'imu_{i}/data', STREAM) for i in (1, 2)}
+        self.node.try_to_start()
         self.ended = threading.Event()
         self.thread = threading.Thread(target=self._spin)
         self.thread.start()
@@ -73,22 +64,6 @@ class SteeredSystem:
     def estimator(self):
         return next(n for n in self.system.nodes if isinstance(n, EstimatorNode))
 
-    def start(self):
-        if self.refuse_start:
-            raise Sesa2Error(self.refuse_start)
-        self.system.start(self.configuration)
-        return 'started'
-
-    def stop(self):
-        self.system.stop()
-        return 'stopped'
-
-    def record(self):
-        return f'recording into {self.system.record(self.configuration.record.file)}'
-
-    def stop_record(self):
-        return f'{self.system.stop_recording()} is complete'
-
     def close(self):
         self.ended.set()
         self.thread.join()
@@ -97,28 +72,8 @@ class SteeredSystem:
 
     def _spin(self):
         while not self.ended.is_set():
-            # A message may be on its way to a node that a service call has just ended.
-            with contextlib.suppress(InvalidHandle):
-                self.spinner.spin_once()
-
-    def _check(self, parameters):
-        try:
-            for parameter in parameters:
-                files.parse(parameter.value, 'configuration')
-        except ConfigurationError as error:
-            return SetParametersResult(successful=False, reason=str(error))
-        return SetParametersResult(successful=True)
-
-    @staticmethod
-    def _serve(action):
-        def answer(request, response):
-            try:
-                response.message, response.success = action(), True
-            except Sesa2Error as error:
-                response.message, response.success = str(error), False
-            return response
-
-        return answer
+            self.spinner.spin_once()
+            self.node.look_after()
 
     def _play(self):
         if self.system.board or not self.system.nodes:
@@ -239,9 +194,11 @@ def test_a_bad_value_is_refused_beside_its_field(system, shown):
 
 
 def test_a_start_that_fails_says_why(system, shown):
-    system.refuse_start = 'serial.port: /dev/ttyACM7 is not there'
+    shown.go_to('Run')
+    shown.choose('source', 'serial')
+    shown.field('port').fill('/dev/there_is_no_such_port')
     shown.press('Start')
-    shown.page.get_by_text(system.refuse_start).wait_for()
+    shown.page.locator('.sesa2-mistake').get_by_text('/dev/there_is_no_such_port').wait_for()
     shown.page.get_by_text('stopped').first.wait_for()
 
 
@@ -255,15 +212,14 @@ def test_record_makes_a_bag(system, shown, tmp_path):
     shown.page.get_by_text('recording into').first.wait_for()
     shown.until(lambda: system.system.recorder.n_messages > 100, 'messages in the bag')
     shown.press('End')
-    shown.page.get_by_text('is complete').wait_for()
+    shown.page.get_by_text('recorded').wait_for()
     with open_recording(tmp_path / 'trial') as recording:
         assert min(ImuRecording(recording).counts.values()) > 5
 
 
 def test_calibration_bars_follow_the_virtual_board(system, shown):
     shown.go_to('Run')
-    shown.field('source').click()
-    shown.page.get_by_role('option', name='sim', exact=True).click()
+    shown.choose('source', 'sim')
     shown.press('Start')
     shown.go_to('Calibration')
     seen = set()

@@ -30,7 +30,7 @@ def test_the_state_is_what_the_nodes_say():
     )
     running.latency_s = 0.0042
     text = state_html(running, True)
-    for part in ('streaming, recording', '99.8 Hz', '4.2 ms late', '3 sweeps lost', '5 frames damaged'):
+    for part in ('streaming, recording', '99.8 Hz', '4.2 ms late', '3 lost', '5 damaged'):
         assert part in text
     assert 'calibrating' in state_html(live(serial_bridge__link=(0, 'ok', {})), True)
 
@@ -48,6 +48,11 @@ def test_complaints_are_shown_worst_first_and_as_text():
         True,
     )
     assert text.index('no board') < text.index('nothing &lt;b&gt;measured')
+
+
+def test_a_system_that_could_not_start_says_why_and_one_that_stopped_is_just_stopped():
+    assert 'no such port' in state_html(live(system__run=(2, 'no such port', {})), True)
+    assert state_html(live(system__run=(1, 'stopped', {})), True).count('stopped') == 1
 
 
 def test_a_missing_imu_is_told_from_one_that_is_off():
