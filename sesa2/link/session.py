@@ -310,7 +310,8 @@ class Session:
                 )
         # A chip that came just after HELLO was absent in no sweep.
         for imu_id, imu in self.imus().items():
-            if imu.state is State.RUN and imu.offsets is OffsetsState.NOT_CHECKED:
+            unchecked = imu.state is State.RUN and imu.offsets is OffsetsState.NOT_CHECKED
+            if unchecked and imu_id not in self._intake.returned:
                 self._compare(board, imu_id)
 
     def _revive(self, board: Board) -> None:
