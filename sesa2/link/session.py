@@ -252,7 +252,9 @@ class Session:
             if imu_id in present:
                 self._compare(board, imu_id)
             elif imu_id in self._saved:
-                self._tell(Level.WARN, f'IMU {imu_id} is absent; the board keeps its offsets until it comes back')
+                self._tell(
+                    Level.WARN, f'IMU {imu_id} is absent; the board keeps its offsets until it comes back'
+                )
 
     def _write(self, board: Board, imu_id: int) -> bool:
         """Give the board a chip's saved offsets; whether it says that the chip has them."""

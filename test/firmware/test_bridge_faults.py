@@ -38,7 +38,9 @@ def assert_unharmed(bench, imu_ids, since_s):
 
 def offsets_read(bench, since_s):
     """What chips have answered to READ_OFFSETS, in the order of the ids."""
-    read = [Offsets.from_registers(r.fields) for _, r in bench.replies(Command.READ_OFFSETS, since_s) if r.fields]
+    read = [
+        Offsets.from_registers(r.fields) for _, r in bench.replies(Command.READ_OFFSETS, since_s) if r.fields
+    ]
     return sorted(read, key=lambda offsets: offsets.mag_radius)
 
 
