@@ -21,7 +21,7 @@ from sesa2.link.commands import Configuration, FusionMode, Hello, Stats, Stream
 from sesa2.link.errors import CommandError, LinkError, ProtocolVersionError
 from sesa2.link.framing import FrameDecoder
 from sesa2.link.intake import Intake
-from sesa2.link.packets import mask_of
+from sesa2.link.packets import State, ids_of, mask_of
 from sesa2.link.port import SerialPort
 from sesa2.link.status import Counters, Event, Handler, ImuStatus, Level, OffsetsState
 
@@ -246,23 +246,27 @@ class Session:
             self._tell(
                 Level.WARN, 'the chips start with new headings, since mode IMU has no north: align again'
             )
-        for imu_id in written:
-            self._compare(board, imu_id)
+        # A board that has just started uses no chip yet: it keeps what it was given, and calls the chip absent.
+        present = {*written, *ids_of(self.hello.channels)}
+        for imu_id in settings.ids:
+            if imu_id in present:
+                self._compare(board, imu_id)
+            elif imu_id in self._saved:
+                self._tell(
+                    Level.WARN, f'IMU {imu_id} is absent; the board keeps its offsets until it comes back'
+                )
 
     def _write(self, board: Board, imu_id: int) -> bool:
-        """Write the saved offsets to a chip; whether it has them now."""
+        """Give the board a chip's saved offsets; whether it says that the chip has them."""
         offsets = self._saved.get(imu_id)
         self._offsets[imu_id] = OffsetsState.NOT_CHECKED if offsets else OffsetsState.NONE_SAVED
         if offsets is None:
             return False
         try:
-            present = board.write_offsets(imu_id, offsets)
+            return board.write_offsets(imu_id, offsets)
         except CommandError as error:
             self._tell(Level.ERROR, str(error))
             return False
-        if not present:
-            self._tell(Level.WARN, f'IMU {imu_id} is absent; the board keeps its offsets until it comes back')
-        return present
 
     def _compare(self, board: Board, imu_id: int) -> None:
         """Read a chip's offsets and compare them with the saved ones."""
@@ -306,6 +310,11 @@ class Session:
                     Level.WARN,
                     f'IMU {imu_id} is back with a new heading, since mode IMU has no north: align again',
                 )
+        # A chip that came just after HELLO was absent in no sweep.
+        for imu_id, imu in self.imus().items():
+            unchecked = imu.state is State.RUN and imu.offsets is OffsetsState.NOT_CHECKED
+            if unchecked and imu_id not in self._intake.returned:
+                self._compare(board, imu_id)
 
     def _revive(self, board: Board) -> None:
         self.connected = False

@@ -4,13 +4,18 @@ import os
 import shutil
 import subprocess
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from types import SimpleNamespace
+from typing import TYPE_CHECKING
 
 import pytest
 from simulated_board import BUILD, FIRMWARE, SimulatedBoard
 
 from bench import Bench
 from sesa2.link import board as link_board
+
+if TYPE_CHECKING:
+    from bridge_bench import BridgeBench
 
 
 def make(*arguments: str) -> str:
@@ -78,3 +83,17 @@ def streaming(bench: Bench) -> Bench:
     bench.simulated.set_pattern()
     bench.start()
     return bench
+
+
+@pytest.fixture
+def bridge_bench(built: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator['BridgeBench']:
+    """A board whose chips have booted, and a ROS graph for a bridge on it."""
+    from bridge_bench import BridgeBench  # the other tests here need no ROS
+    from nodes.conftest import ros_graph
+
+    with SimulatedBoard() as simulated:
+        with ros_graph() as graph:
+            bench = BridgeBench(simulated, graph, tmp_path, monkeypatch.setattr)
+            yield bench
+        violations = simulated.stats()['violations']
+    assert not violations, 'the firmware used a chip against its datasheet'
