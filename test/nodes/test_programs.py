@@ -31,6 +31,8 @@ def arguments(name, folder, board):
         'player': ('run.bag', folder / 'played'),
     }
     own = ('-p', '{}:={}'.format(*given[name])) if name in given else ()
+    if name == 'player':  # its IMUs are not to be mixed with the board's
+        own += ('-r', '__ns:=/played')
     return ('--ros-args', '--params-file', PROTOTYPE, *own)
 
 
