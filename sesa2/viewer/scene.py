@@ -171,7 +171,7 @@ class Scene:
         along = rotate(c.base, [0.0, 0.0, 1.0])
         target = 0.5 * c.arm.length * along
         aside = np.array([1.0, -1.0, 0.0]) if abs(along[2]) > 0.7 else np.array([-along[1], along[0], 0.0])
-        position = target + c.arm.length * (1.15 * aside / np.linalg.norm(aside) + [0.0, 0.0, 0.35])
+        position = target + c.arm.length * (1.3 * aside / np.linalg.norm(aside) + [0.0, 0.0, 0.35])
         cameras = [self._server.initial_camera, *(k.camera for k in self._server.get_clients().values())]
         for camera in cameras:
             camera.position = position
