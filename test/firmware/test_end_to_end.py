@@ -1,24 +1,19 @@
 """`sesa2 run` on the firmware's ELF, in real time: from what the chips are fed to joint states."""
 
-import os
 import signal
-import subprocess
-import sys
 import time
-from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
-from nodes.conftest import PATIENCE_S, ros_graph
+from nodes.conftest import ros_graph
+from processes import command
 from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import JointState
 from simulated_board import SimulatedBoard
 
-import sesa2
 from sesa2.nodes.qos import STREAM
 
-REPOSITORY = Path(sesa2.__file__).resolve().parents[1]
 LENGTH = 0.66
 POSITIONS = np.arange(1, 9) * 0.08
 STATIONS = np.array([0.0, *POSITIONS])
@@ -32,10 +27,10 @@ HEADINGS = np.linspace(-0.7, 0.9, 8)
 BENDING = np.column_stack([np.linspace(0.5, -0.3, 8), np.linspace(-0.4, 0.4, 8), np.full(8, 0.1)])
 """How each section turns from its beginning to its end, rotation vectors in its own axes, rad."""
 
-# Each component is rounded by 2⁻¹⁵ at most, a quaternion thus by √4 · 2⁻¹⁵ = 2⁻¹⁴. From the centre of the unit sphere that
-# is an angle of asin 2⁻¹⁴ at most, and the rotation is off by twice as much. Between two quaternions at an angle θ,
-# slerp is off by (sin((1 − t)θ) + sin(tθ)) / sin θ times as much at most: 1 / cos(θ/2), at t = ½. And θ is half the
-# angle by which a section turns.
+# Each component is rounded by 2⁻¹⁵ at most, a quaternion thus by √4 · 2⁻¹⁵ = 2⁻¹⁴. From the centre of the unit sphere
+# that is an angle of asin 2⁻¹⁴ at most, and the rotation is off by twice as much. Between two quaternions at an
+# angle θ, slerp is off by (sin((1 − t)θ) + sin(tθ)) / sin θ times as much at most: 1 / cos(θ/2), at t = ½. And θ is
+# half the angle by which a section turns.
 ANGLE = 2.0 * np.arcsin(2.0**-14)
 BETWEEN = ANGLE / np.cos(0.25 * np.linalg.norm(BENDING, axis=1).max())
 
@@ -107,18 +102,11 @@ def graph():
 
 @pytest.fixture
 def program(config, simulated, tmp_path):
-    """`sesa2 run` on the simulated board; its output goes to files, so that no full pipe halts it."""
-    arguments = ['run', '--source', 'serial', '--port', simulated.port_path, '--config', config]
-    with (tmp_path / 'out').open('wb') as out, (tmp_path / 'err').open('wb') as err:
-        process = subprocess.Popen(
-            [sys.executable, '-m', 'sesa2.cli', *arguments],
-            stdout=out,
-            stderr=err,
-            env={**os.environ, 'PYTHONPATH': str(REPOSITORY), 'ROS_LOG_DIR': str(tmp_path)},
-        )
-    yield process
-    process.kill()
-    process.wait()
+    """`sesa2 run` on the simulated board."""
+    with command(
+        tmp_path, 'run', '--source', 'serial', '--port', simulated.port_path, '--config', config
+    ) as running:
+        yield running
 
 
 def assert_shape_fed(message, model):
@@ -144,19 +132,18 @@ MODELS = ('rigid', 'pcc', 'pcc_exact')
 
 
 def heard_whole(graph, program, messages):
-    """Newest joint states of every model once all chips measure, which the first sweeps after a start need not show."""
+    """Joint states of every model, once all chips measure."""
     for model in MODELS:
         messages[model].clear()
-    enough = 100  # by then the chips that are read for their offsets have long been back
+    enough = 100  # of which the first may be from before a fault, or without a chip that has yet to start
     graph.until(
-        lambda: program.poll() is not None or all(len(messages[model]) >= enough for model in MODELS),
-        'joint states',
+        lambda: not program.running or all(len(messages[model]) >= enough for model in MODELS), 'joint states'
     )
-    assert program.poll() is None, f'ended with exit code {program.returncode}'
+    assert program.running, program.errors
     return {model: messages[model][-1] for model in MODELS}
 
 
-def test_joint_states_have_the_shape_that_the_chips_are_fed(graph, simulated, program, tmp_path):
+def test_joint_states_have_the_shape_that_the_chips_are_fed(graph, simulated, program):
     messages = {model: graph.listen(JointState, f'{model}/joint_states', STREAM) for model in MODELS}
     for model, message in heard_whole(graph, program, messages).items():
         assert_shape_fed(message, model)
@@ -168,10 +155,9 @@ def test_joint_states_have_the_shape_that_the_chips_are_fed(graph, simulated, pr
     for model, message in heard_whole(graph, program, messages).items():
         assert_shape_fed(message, model)
 
-    program.send_signal(signal.SIGINT)
-    errors = tmp_path / 'err'
-    assert program.wait(PATIENCE_S) == 0, errors.read_text()
-    assert 'Traceback' not in errors.read_text()
+    program.signal(signal.SIGINT)
+    assert program.ended() == 0, program.errors
+    assert 'Traceback' not in program.errors
     # The board was told to be silent; what was on the line then has long been sent.
     ended_us, sent = later(simulated, 0)
     assert later(simulated, ended_us + 100_000)[1] == later(simulated, ended_us + 300_000)[1] <= sent + 95
