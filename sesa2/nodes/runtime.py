@@ -2,11 +2,12 @@
 
 import sys
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from itertools import pairwise
 from typing import Any
 
 import rclpy
+from rclpy.exceptions import InvalidHandle
 from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
@@ -56,7 +57,7 @@ class Spinner:
         self._nodes.append(node)
 
     def remove(self, node: Node) -> None:
-        """End a node: its own `close`, where it has one, while ROS still serves it; then the node."""
+        """End a node: what stands in its queue is let go, then its own `close`, where it has one, then the node."""
         self._nodes.remove(node)
         self._executor.remove_node(node)
         _silence(node)
@@ -68,7 +69,9 @@ class Spinner:
 
     def spin_once(self) -> None:
         """Do what is to be done; waits a tenth of a second at most."""
-        self._executor.spin_once(timeout_sec=_WAIT_S)
+        # A message may be on its way to a node that a callback has just ended.
+        with suppress(InvalidHandle):
+            self._executor.spin_once(timeout_sec=_WAIT_S)
 
     def __enter__(self) -> 'Spinner':
         return self
