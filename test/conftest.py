@@ -4,6 +4,11 @@ import os
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
+
+# The same examples in every run.
+settings.register_profile('same', derandomize=True)
+settings.load_profile('same')
 
 # A domain of its own for each test process, on this host only. Below 102 its ports stay clear of those that Linux gives
 # out by itself.
