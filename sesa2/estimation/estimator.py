@@ -122,9 +122,9 @@ class Estimator:
             at least one, in order of time.
         """
         stamps = np.array([sweep.stamp_ns for sweep in sweeps], dtype=np.int64)
-        measured = np.stack([sweep.measured for sweep in sweeps])
+        measured = np.array([sweep.measured for sweep in sweeps])
         base = self.bases(sweeps)
-        orientations = self._mounting.link_orientations(np.stack([sweep.orientations for sweep in sweeps]))
+        orientations = self._mounting.link_orientations(np.array([sweep.orientations for sweep in sweeps]))
         if self._heading_filter:
             orientations = self._heading_filter.correct(stamps * 1e-9, orientations, measured, base)
         orientations = fill_missing(orientations, measured, self.arm, base)
@@ -137,7 +137,7 @@ class Estimator:
         """Orientation of the base at each sweep, q_WB, (n, 4)."""
         measured = [sweep.base for sweep in sweeps if sweep.base is not None]
         if not measured:
-            return np.broadcast_to(self._base, (len(sweeps), 4))
+            return np.repeat(self._base[None], len(sweeps), axis=0)
         return self._base_mounting.link_orientations(np.stack(measured)[:, None])[:, 0]
 
     def _fit(self, configured: _Configured, orientations: FloatArray, base: FloatArray) -> ModelResult:

@@ -219,10 +219,8 @@ def _between(a: FloatArray, b: FloatArray) -> tuple[FloatArray, FloatArray, np.n
 
     Where the angle is small, sin(t · angle) / sin(angle) is t to the last digit, and the sine is given as 1.
     """
-    d, s = b - a, b + a
-    angle = 2.0 * np.arctan2(
-        np.sqrt(np.einsum('...i,...i->...', d, d)), np.sqrt(np.einsum('...i,...i->...', s, s))
-    )
+    chord = b - a
+    angle = 2.0 * np.arcsin(0.5 * np.sqrt(np.einsum('...i,...i->...', chord, chord)))
     small = angle < 1e-7
     return angle, np.where(small, 1.0, np.sin(angle)), small
 
