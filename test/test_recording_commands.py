@@ -1,6 +1,7 @@
 """Commands over recordings, end to end: align, evaluate, view, budget and twin, as a user calls them."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,7 +11,9 @@ from sesa2.bags.writing import new_bag
 from sesa2.cli import main
 from sesa2.configuration import files, validate
 from sesa2.messages.imu import TYPE, ImuMessages
+from sesa2.nodes.simulation import make_virtual_board
 from sesa2.shape.rotations import IDENTITY, from_rotation_vector, multiply, rotate
+from sesa2.twin.trial import Trial
 
 START_NS = 1_700_000_000 * 10**9
 IDS = [1, 2, 3, 4]
@@ -165,5 +168,10 @@ def test_a_twin_is_replayed_and_evaluated_against_its_own_truth(tmp_path, config
     assert main(['evaluate', str(estimate), '--truth', str(trial), '--time-offset', '-0.02', '--json']) == 0
     figures = json.loads(capsys.readouterr().out)
     assert figures['models']['pcc']['B']['median_pct'] < 15.0
+    c = files.load(config)
+    with make_virtual_board(replace(c, run=replace(c.run, trial=str(trial)))) as board:
+        np.testing.assert_allclose(
+            board.truth(np.array([3.0]))[0], Trial.load(trial / 'trial.npz').motion(3.0)
+        )
     assert main([*twin[:-4], '--seconds', '12', '--error', 'humidity=1']) == 1
     assert 'exists already' in capsys.readouterr().err

@@ -19,6 +19,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument('--port', help='serial port of the board')
     parser.add_argument('--bag', help='recording to play')
+    parser.add_argument(
+        '--trial', metavar='TRIAL', help='with --source sim: play the motion of this simulated trial'
+    )
     parser.add_argument('--rate', type=positive, help='speed of playing; 1 is real time')
     parser.add_argument('--start', type=not_negative, metavar='S', help='where in the bag to start, s')
     parser.add_argument('--loop', action='store_true', default=None, help='play the bag again and again')
@@ -39,7 +42,9 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _override(c: Configuration, options: argparse.Namespace) -> Configuration:
-    given = {k: getattr(options, k) for k in ('source', 'mode', 'bag', 'rate', 'start', 'loop', 'clock')}
+    given = {
+        k: getattr(options, k) for k in ('source', 'mode', 'bag', 'rate', 'start', 'loop', 'clock', 'trial')
+    }
     c = replace(c, run=replace(c.run, **{k: v for k, v in given.items() if v is not None}))
     if options.port is not None:
         c = replace(c, serial=replace(c.serial, port=options.port))

@@ -59,6 +59,7 @@ class Run:
     rate: float = parameter(1.0, 'speed of playing, 1 is real time', above=0.0)
     start: float = parameter(0.0, 'where in the bag playing starts, s', low=0.0)
     loop: bool = parameter(False, 'play the bag again and again')
+    trial: str = parameter('', 'simulated trial whose motion the virtual board plays; empty: its own motion')
     clock: bool = parameter(False, "publish the bag's time on /clock while playing")
 
 

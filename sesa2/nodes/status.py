@@ -77,11 +77,11 @@ class Status:
     def _true_tip(self, stamp_ns: int, c: Configuration) -> FloatArray | None:
         """Where the tip was that the virtual board plays, in the output frame; (3,), m."""
         board = self._system.board
-        if board is None:
+        if board is None or c.run.trial:  # the arm of a trial is no arcs: its truth is in the trial
             return None
         # Stamps are of the wall clock; the board knows the monotonic one.
         monotonic_ns = stamp_ns - (time.time_ns() - time.monotonic_ns())
-        orientations = board.truth(board.motion_time(monotonic_ns))
+        orientations = board.truth(board.motion_time(monotonic_ns))[-len(c.imus.ids) :]
         tip = create_model('pcc_exact', c.geometry).fit(orientations, c.base).positions([c.arm.length])[0]
         return tip if c.frame_id == 'world' else rotate(conjugate(c.base), tip)
 
