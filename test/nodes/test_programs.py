@@ -142,8 +142,12 @@ def test_a_wrong_file_ends_each_node_with_1_and_why(tmp_path, wrong):
 def test_an_integer_for_a_number_is_taken_where_ros_can_read_it(graph, tmp_path):
     file = tmp_path / 'arm.yaml'
     file.write_text('/**:\n  ros__parameters:\n    arm: {length: 1}\n    imus: {ids: [1], positions: [1]}\n')
-    with node('estimator', tmp_path, '--ros-args', '--params-file', file) as program:
-        graph.until(lambda: 'estimator' in graph.probe.get_node_names() or not program.running, 'the node')
+    here = ('-r', '__ns:=/integer')
+    with node('estimator', tmp_path, '--ros-args', *here, '--params-file', file) as program:
+        own = ('estimator', '/integer')
+        graph.until(
+            lambda: own in graph.probe.get_node_names_and_namespaces() or not program.running, 'the node'
+        )
         program.signal(signal.SIGTERM)
         assert program.ended() == 0, program.errors
 
