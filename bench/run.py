@@ -4,6 +4,7 @@ import argparse
 import os
 from pathlib import Path
 
+import firmware
 import live
 import replay
 import shape
@@ -31,6 +32,8 @@ def main():
             show(figure, f'{value:.1f} ×', f'≥ {target} × real time' if target else 'does not grow', '')
     else:
         show('replay', 'not measured', f'{data} is absent', '')
+    for figure, value, limit in firmware.rows():
+        show(figure, value, limit, '')
     for figure, value, unit, limit in live.rows(seconds):
         show(figure, f'{value:.3g} {unit}', '' if limit is None else f'≤ {limit} {unit}', '')
 

@@ -25,6 +25,7 @@ _RUN = {
         'calibration.file': 'offsets file',
     },
     'Recording to play': {
+        'run.trial': 'simulated trial',
         'run.bag': 'bag',
         'run.rate': 'speed',
         'run.start': 'start at [s]',
