@@ -4,10 +4,11 @@ import argparse
 import os
 from pathlib import Path
 
-import firmware
 import live
 import replay
 import shape
+
+import firmware
 
 ROOT = Path(__file__).resolve().parents[1]
 

@@ -43,6 +43,22 @@ def read_imu(data: bytes) -> ImuSample:
         raise Sesa2Error(f'a {TYPE} message of {len(data)} bytes, expected at least 316') from None
 
 
+def without_acceleration(data: bytes) -> bytes:
+    """The message with its acceleration marked as absent (REP-145), for whoever does not want it recorded.
+
+    Parameters
+    ----------
+    data
+        the serialised message, either byte order, whole.
+    """
+    order = '<' if data[1] & 1 else '>'
+    (length,) = struct.unpack_from(f'{order}I', data, 12)
+    at = 4 + (12 + length + 7) // 8 * 8 + 8 * 25
+    changed = bytearray(data)
+    struct.pack_into(f'{order}4d', changed, at, 0.0, 0.0, 0.0, -1.0)
+    return bytes(changed)
+
+
 class ImuMessages:
     """Makes the messages of one IMU, as REP-145 wants them: covariance unknown, absent fields −1 first."""
 

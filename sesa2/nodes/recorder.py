@@ -16,6 +16,7 @@ from std_msgs.msg import String
 from sesa2.bags.writing import record
 from sesa2.configuration import ConfigurationError, Mistake, files
 from sesa2.errors import Sesa2Error
+from sesa2.messages.imu import without_acceleration
 from sesa2.messages.results import TYPES
 from sesa2.nodes.diagnostics import ERROR, OK, Diagnostics
 from sesa2.nodes.parameters import declare_configuration
@@ -52,6 +53,7 @@ class Recorder(rclpy.node.Node):
         self.failure: Sesa2Error | None = None
         self.finished = False
         self.n_messages = 0
+        self._stripped: set[int] = set()  # topics whose acceleration is not wanted
         self._bag = record(c.record.file)
         self.path = self._bag.path
         self._write(
@@ -84,9 +86,13 @@ class Recorder(rclpy.node.Node):
 
     def _subscribe(self, kind: type, type_name: str, topic: str, qos: Any) -> None:
         number = self._bag.add_topic(self._absolute(topic), type_name, latched=qos is EVERY_LATCHED)
+        if kind is Imu and not self.configuration.record.acceleration:
+            self._stripped.add(number)
         self.create_subscription(kind, topic, functools.partial(self._write, number), qos, raw=True)
 
     def _write(self, number: int, data: bytes) -> None:
+        if number in self._stripped:
+            data = without_acceleration(data)
         if self._guard(lambda: self._bag.write(number, time.time_ns(), data)):
             self.n_messages += 1
 

@@ -15,6 +15,7 @@ _RUN = {
     'Source': {
         'run.source': 'source',
         'run.mode': 'mode',
+        'run.trial': 'simulated trial',
     },
     'Board': {
         'serial.port': 'port',
@@ -25,7 +26,6 @@ _RUN = {
         'calibration.file': 'offsets file',
     },
     'Recording to play': {
-        'run.trial': 'simulated trial',
         'run.bag': 'bag',
         'run.rate': 'speed',
         'run.start': 'start at [s]',

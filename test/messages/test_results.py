@@ -8,7 +8,7 @@ from sesa2.configuration import files, validate
 from sesa2.errors import Sesa2Error
 from sesa2.estimation.estimator import Estimator
 from sesa2.estimation.sweeps import Sweep
-from sesa2.messages.imu import ImuMessages, read_imu
+from sesa2.messages.imu import ImuMessages, read_imu, without_acceleration
 from sesa2.messages.results import ResultMessages
 from sesa2.shape.rotations import normalize
 
@@ -108,6 +108,7 @@ def test_imu_messages():
     message = STORE.deserialize_cdr(data, 'sensor_msgs/msg/Imu')
     assert message.linear_acceleration.z == 9.8
     assert message.linear_acceleration_covariance[0] == 0.0
+    assert without_acceleration(data) == ImuMessages('x').make(STAMPS[0], orientation)
     big = STORE.serialize_cdr(message, 'sensor_msgs/msg/Imu', little_endian=False)
     assert read_imu(bytes(big)) == read_imu(data)
 
