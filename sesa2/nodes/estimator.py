@@ -20,7 +20,7 @@ from sesa2.estimation.estimator import Estimate, Estimator
 from sesa2.estimation.sweeps import Sweep
 from sesa2.imu.alignment import align_straight
 from sesa2.messages.imu import read_imu
-from sesa2.messages.results import ResultMessages
+from sesa2.messages.results import TYPES, ResultMessages
 from sesa2.messages.robot import describe_robot
 from sesa2.nodes.diagnostics import ERROR, OK, WARN, Diagnostics
 from sesa2.nodes.parameters import declare_configuration
@@ -62,7 +62,8 @@ class EstimatorNode(rclpy.node.Node):
         self._messages = ResultMessages(self.configuration, self._estimator)
         self._topics = [
             (topic, self.create_publisher(_CLASSES[topic.name.rpartition('/')[2]], topic.name, STREAM))
-            for topic in self._messages.topics
+            # What control waits for goes first.
+            for topic in sorted(self._messages.topics, key=lambda topic: topic.type != TYPES['joint_states'])
         ]
         self._configuration_publisher = self.create_publisher(String, 'configuration', LATCHED)
         self._publish_configuration()

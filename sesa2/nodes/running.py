@@ -13,6 +13,9 @@ from sesa2.nodes.status import Status
 from sesa2.nodes.system import System
 from sesa2.nodes.system_node import SystemNode
 
+# The link's thread and the executor take turns: Python's 5 ms would be as long as a result may take.
+_SWITCH_S = 0.0005
+
 
 def run(
     configuration: Configuration,
@@ -40,6 +43,7 @@ def run(
         a node cannot start, or cannot go on.
     """
     ends = time.monotonic() + duration if duration else float('inf')
+    sys.setswitchinterval(_SWITCH_S)
     with ros([]), Spinner() as spinner, ExitStack() as stack:
         system = System(spinner)
         stack.callback(system.stop)
