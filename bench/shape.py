@@ -68,7 +68,17 @@ def rows():
         seconds(lambda: scipy_chain(q, IDENTITY), 100),
         1,
     )
-    for name in both.configuration.models:
+    spline = Estimator(configuration('spline'))
+    yield (
+        'one sweep, spline of 64 links',
+        seconds(lambda: spline.estimate(one), 200),
+        'pcc',
+        seconds(lambda: pcc.estimate(one), 200),
+        1,
+    )
+    per_sweep = {}
+    for name in ('rigid', 'pcc', 'spline'):
         model = Estimator(configuration(name))
-        each = seconds(lambda m=model: m.estimate(many), 1) / len(many)
-        yield f'batched, per sweep, {name}', each, 'target', 25e-6, 1
+        per_sweep[name] = seconds(lambda m=model: m.estimate(many), 1) / len(many)
+        yield f'batched, per sweep, {name}', per_sweep[name], 'target', 25e-6, 1
+    yield 'batched, per sweep, spline', per_sweep['spline'], 'pcc', per_sweep['pcc'], 1

@@ -62,8 +62,9 @@ class _Configured:
 
     def __init__(self, model: Model, markers: Sequence[float]):
         self.model = model
-        self.s = np.concatenate([model.link_ends, markers])
-        self.n_ends = len(model.link_ends)
+        # Where a link ends it is oriented as that link is; only the tip and the markers are asked for exactly.
+        self.positions_at = np.concatenate([model.link_ends, markers])
+        self.orientations_at = np.concatenate([model.link_middles, model.link_ends[-1:], markers])
         self.angles: FloatArray | None = None  # of the last sweep, to go on from at a singularity
 
 
@@ -142,20 +143,18 @@ class Estimator:
 
     def _fit(self, configured: _Configured, orientations: FloatArray, base: FloatArray) -> ModelResult:
         backbone = configured.model.fit(orientations, base)
-        links = backbone.link_orientations
-        positions, there = (
-            backbone.positions(configured.s),
-            backbone.orientations(configured.s[configured.n_ends - 1 :]),
-        )
-        # Where a link ends it is oriented as that link; the tip and the markers are asked for exactly.
-        there = np.concatenate([links[:, :1], links[:, :-1], there], axis=1)
+        positions = backbone.positions(configured.positions_at)
+        asked = backbone.orientations(configured.orientations_at)
+        n_links = configured.model.n_links
+        links = asked[:, :n_links]
+        there = np.concatenate([links[:, :1], links[:, :-1], asked[:, n_links:]], axis=1)
         if not self._in_world and not self._base_is_world:
             to_base = conjugate(base)[:, None, :]
             positions, there = rotate(to_base, positions), multiply(to_base, there)
         joints = joint_angles(links, base)
         lowest = joints.cosine.min(axis=-1)
         angles = self._without_jumps(configured, joints, lowest.min())
-        n = configured.n_ends
+        n = n_links + 1
         return ModelResult(
             joints=angles,
             ends=positions[:, :n],

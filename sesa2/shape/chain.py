@@ -17,11 +17,6 @@ class Chain(Backbone):
         self._link_orientations = link_orientations
         self._tangents = tangent(link_orientations)
 
-    @property
-    def link_orientations(self) -> FloatArray:
-        """See Backbone."""
-        return self._link_orientations
-
     def positions(self, s: ArrayLike) -> FloatArray:
         """See Backbone. Linear in the links' tangents."""
         lengths, _ = self._model.at(s)
@@ -30,7 +25,7 @@ class Chain(Backbone):
     def orientations(self, s: ArrayLike) -> FloatArray:
         """See Backbone. At a joint, that of the link which ends there."""
         _, link = self._model.at(s)
-        return self._link_orientations[..., link, :]
+        return self._link_orientations.take(link, axis=-2)
 
 
 class ChainModel(Model):

@@ -3,36 +3,26 @@
 import numpy as np
 
 from sesa2.shape.arm import Arm, GeometryError
-from sesa2.shape.model import Backbone, Model
+from sesa2.shape.model import Model
 from sesa2.shape.rotations import FloatArray
 
 
-class Curve(Backbone):
-    """A curve shows itself as links oriented as it is at their middles, so that positions agree as 1/links²."""
-
-    def __init__(self, model: 'CurveModel'):
-        self._model = model
-
-    @property
-    def link_orientations(self) -> FloatArray:
-        """See Backbone."""
-        return self.orientations(self._model.link_middles)
-
-
 class CurveModel(Model):
-    """A model whose backbone is a curve.
+    """A model whose backbone is a curve; its links are oriented as it is at their middles, so that the chain that they
+    make agrees with the curve as 1/links².
 
-    Attributes
+    Parameters
     ----------
-    link_middles : (n_links,)
-        arc lengths at which the links take their orientation, m.
+    arm
+        the arm.
+    links
+        number of links that stand for it on the ROS graph.
     """
 
     def __init__(self, arm: Arm, links: int = 64):
         if links < 1:
             raise GeometryError(f'links = {links}, expected at least 1')
         super().__init__(arm, np.linspace(0.0, arm.length, links + 1))
-        self.link_middles = 0.5 * (self.link_ends[:-1] + self.link_ends[1:])
 
     def _sections(self, s: FloatArray) -> tuple[np.ndarray, FloatArray]:
         """Section that each s is in, (n,), 0 before the first IMU, and the fraction of it that lies before s, (n,).

@@ -18,11 +18,6 @@ class Backbone(ABC):
     whatever leading shape the orientations had.
     """
 
-    @property
-    @abstractmethod
-    def link_orientations(self) -> FloatArray:
-        """Orientations of the links that stand for the arm on the ROS graph, base to tip: batch + (n_links, 4)."""
-
     @abstractmethod
     def positions(self, s: ArrayLike) -> FloatArray:
         """Points of the backbone.
@@ -72,7 +67,9 @@ class Model(ABC):
     arm
         the arm.
     link_ends : (n_links + 1,)
-        arc lengths at which the links begin and end, base to tip, m.
+        arc lengths at which the links that stand for the arm on the ROS graph begin and end, base to tip, m.
+    link_middles : (n_links,)
+        arc lengths at which the links take their orientation, m.
     """
 
     name: ClassVar[str]
@@ -80,6 +77,7 @@ class Model(ABC):
     def __init__(self, arm: Arm, link_ends: ArrayLike):
         self.arm = arm
         self.link_ends = np.asarray(link_ends, dtype=float)
+        self.link_middles = 0.5 * (self.link_ends[:-1] + self.link_ends[1:])
         self._cached = lru_cache(maxsize=16)(lambda key: self._precompute(np.frombuffer(key)))
 
     @property

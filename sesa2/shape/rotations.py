@@ -106,12 +106,13 @@ def tangent(q: ArrayLike) -> FloatArray:
     -------
     (..., 3), unit vectors.
     """
-    q = np.asarray(q, dtype=float)
-    x, y, z, w = q[..., 0], q[..., 1], q[..., 2], q[..., 3]
-    out = np.empty((*x.shape, 3))
-    out[..., 0] = 2.0 * (x * z + w * y)
-    out[..., 1] = 2.0 * (y * z - w * x)
-    out[..., 2] = 1.0 - 2.0 * (x * x + y * y)
+    # With u = x + iy and v = z + iw it is 2 u v* and 1 − 2 |u|².
+    pair = np.ascontiguousarray(q, dtype=float).view(complex)
+    u = pair[..., 0]
+    out = np.empty((*u.shape, 3))
+    out[..., :2].view(complex)[..., 0] = u * pair[..., 1].conj()
+    np.subtract(0.5, (u * u.conj()).real, out=out[..., 2])
+    out += out
     return out
 
 
@@ -250,3 +251,60 @@ def swing(a: ArrayLike, b: ArrayLike) -> FloatArray:
         out[opposite, :3] = axis[opposite]
         out[opposite, 3] = 0.0
     return normalize(out)
+
+
+def aim(q: ArrayLike, direction: ArrayLike) -> FloatArray:
+    """Turn orientations the least that puts their z axes along given directions.
+
+    Parameters
+    ----------
+    q : (..., 4)
+        quaternions of any norm but zero, x y z w.
+    direction : (..., 3)
+        vectors of any length; one of length zero says nothing, and q stays as it is.
+
+    Returns
+    -------
+    (..., 4), unit quaternions. A z axis that points the opposite way is turned about the orientation's own x axis.
+    """
+    q, direction = np.ascontiguousarray(q, dtype=float), np.ascontiguousarray(direction, dtype=float)
+    # With d the direction and |d| its length it is |d| q − d ⊗ q ⊗ k, to be normalised. With u = x + iy and v = z + iw
+    # of q and β = x + iy of d, its two complex numbers are (|d| − d_z) u + β v and (|d| + d_z) v + β* u.
+    pair = q.view(complex)
+    beta, along = direction[..., :2].view(complex)[..., 0], direction[..., 2]
+    length = np.sqrt(np.einsum('...i,...i->...', direction, direction))
+    own = np.empty((*length.shape, 2))
+    np.subtract(length, along, out=own[..., 0])
+    np.add(length, along, out=own[..., 1])
+    aimed = own * pair
+    aimed[..., 0] += beta * pair[..., 1]
+    aimed[..., 1] += beta.conj() * pair[..., 0]
+    out = aimed.view(float)
+    norm = np.sqrt(np.einsum('...i,...i->...', out, out))
+    lost = norm <= 1e-12 * length
+    if np.count_nonzero(lost):
+        stays = np.where((length > 0.0)[..., None], multiply(q, (1.0, 0.0, 0.0, 0.0)), q)
+        return normalize(np.where(lost[..., None], stays, out))
+    out /= norm[..., None]
+    return out
+
+
+def of_one_sign(q: ArrayLike) -> FloatArray:
+    """Choose between q and −q so that each quaternion of a row is on the side of the one before it.
+
+    Parameters
+    ----------
+    q : (..., n, 4)
+        x y z w.
+
+    Returns
+    -------
+    (..., n, 4), the same rotations.
+    """
+    q = np.asarray(q, dtype=float)
+    turns = np.einsum('...i,...i->...', q[..., 1:, :], q[..., :-1, :]) < 0.0
+    if not np.count_nonzero(turns):
+        return q
+    out = q.copy()
+    out[..., 1:, :] *= np.where(np.logical_xor.accumulate(turns, axis=-1), -1.0, 1.0)[..., None]
+    return out

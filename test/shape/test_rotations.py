@@ -73,3 +73,30 @@ def test_swing_takes_a_onto_b_by_the_least_angle(rng):
     np.testing.assert_allclose(rotations.rotate(q, a), b, atol=1e-7)
     angle = np.linalg.norm(rotations.to_rotation_vector(q), axis=1)
     np.testing.assert_allclose(angle, np.arccos(np.clip(np.sum(a * b, axis=1), -1, 1)), atol=1e-7)
+
+
+def test_aim_is_the_swing_of_the_z_axis(rng):
+    q, direction = rng.normal(size=(200, 4)), rng.normal(size=(200, 3))
+    direction[0] = rotations.tangent(rotations.normalize(q[0]))
+    got = rotations.aim(q, direction)
+    q = rotations.normalize(q)
+    swing = Rotation.from_quat(rotations.swing(rotations.tangent(q), direction))
+    expected = (swing * Rotation.from_quat(q)).as_matrix()
+    np.testing.assert_allclose(Rotation.from_quat(got).as_matrix(), expected, atol=1e-12)
+    np.testing.assert_allclose(np.linalg.norm(got, axis=1), 1.0, atol=1e-12)
+
+
+def test_aim_survives_opposite_and_vanishing_directions(rng):
+    q = rotations.normalize(rng.normal(size=(2, 4)))
+    opposite = -rotations.tangent(q)
+    got = rotations.aim(q, opposite)
+    np.testing.assert_allclose(rotations.tangent(got), opposite, atol=1e-12)
+    np.testing.assert_array_equal(rotations.aim(q, np.zeros(3)), q)
+
+
+def test_of_one_sign_turns_signs_only(rng):
+    q = rotations.normalize(rng.normal(size=(5, 9, 4)))
+    got = rotations.of_one_sign(q)
+    assert (np.sum(got[:, 1:] * got[:, :-1], axis=-1) >= 0.0).all()
+    np.testing.assert_array_equal(np.abs(got), np.abs(q))
+    np.testing.assert_allclose(np.abs(np.sum(got * q, axis=-1)), 1.0, atol=1e-12)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad_vec
 from scipy.interpolate import CubicSpline
-from scipy.spatial.transform import Rotation, Slerp
+from scipy.spatial.transform import Rotation
 
 from sesa2.shape.arm import Arm
 from sesa2.shape.models import create_model
@@ -65,17 +65,20 @@ def test_positions_are_the_integral_of_scipys_spline(rng, arm):
 
 
 @pytest.mark.parametrize('arm', ARMS, ids=lambda arm: f'{len(arm.imu_positions)} IMUs, {arm.length} m')
-def test_orientations_are_the_slerp_swung_onto_the_tangent(rng, arm):
+def test_orientations_are_blended_quaternions_swung_onto_the_tangent(rng, arm):
     q, base = bent(rng, len(arm.imu_positions))
     spline = oracle(arm, q, base)
-    slerp = Slerp(arm.stations, Rotation.from_quat(np.vstack([base, q])))
+    stations = np.vstack([base, q])
+    for i in range(1, len(stations)):
+        stations[i] *= np.sign(stations[i] @ stations[i - 1])
     s = np.linspace(0.0, arm.length, 23)
-    got = Rotation.from_quat(create_model('spline', arm).fit(q, base).orientations(s))
-    slerped = slerp(np.minimum(s, arm.imu_positions[-1]))
+    signs = rng.choice([-1.0, 1.0], len(q))[:, None]
+    got = Rotation.from_quat(create_model('spline', arm).fit(signs * q, base).orientations(s))
+    blended = Rotation.from_quat([[np.interp(x, arm.stations, c) for c in stations.T] for x in s])
     tangents = np.array([spline(x) / np.linalg.norm(spline(x)) for x in s])
     np.testing.assert_allclose(got.apply([0.0, 0.0, 1.0]), tangents, atol=1e-12)
-    swing = (got * slerped.inv()).as_rotvec()
-    z = slerped.apply([0.0, 0.0, 1.0])
+    swing = (got * blended.inv()).as_rotvec()
+    z = blended.apply([0.0, 0.0, 1.0])
     # The least rotation between two directions turns about their common normal, by the angle between them.
     np.testing.assert_allclose(np.sum(swing * z, axis=1), 0.0, atol=1e-12)
     angle = np.arccos(np.clip(np.sum(z * tangents, axis=1), -1.0, 1.0))
@@ -83,6 +86,14 @@ def test_orientations_are_the_slerp_swung_onto_the_tangent(rng, arm):
     at_imus = create_model('spline', arm).fit(q, base).orientations(arm.stations[1:])
     same = np.abs(np.sum(at_imus * q, axis=1))
     np.testing.assert_allclose(same, 1.0, atol=1e-14)
+
+
+def test_a_steady_twist_comes_out_as_slerp_has_it():
+    twist = Rotation.from_rotvec(np.outer(np.deg2rad(30.0) * np.arange(9), [0.0, 0.0, 1.0])).as_quat()
+    s = np.linspace(0.0, EIGHT[-1], 200)
+    got = Rotation.from_quat(create_model('spline', ARMS[0]).fit(twist[1:], twist[0]).orientations(s))
+    steady = Rotation.from_rotvec(np.outer(np.deg2rad(30.0) * s / 0.08, [0.0, 0.0, 1.0]))
+    assert np.rad2deg((got * steady.inv()).magnitude().max()) < 0.05
 
 
 def test_curvature_is_continuous(rng):

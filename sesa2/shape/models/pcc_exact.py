@@ -4,8 +4,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sesa2.shape.arm import Arm
-from sesa2.shape.curve import Curve, CurveModel
-from sesa2.shape.model import with_base
+from sesa2.shape.curve import CurveModel
+from sesa2.shape.model import Backbone, with_base
 from sesa2.shape.rotations import (
     SMALL_ANGLE,
     FloatArray,
@@ -48,11 +48,11 @@ def arc(rotation: FloatArray, start: FloatArray) -> FloatArray:
     return start + first[..., None] * once + second[..., None] * cross(rotation, once)
 
 
-class Arcs(Curve):
+class Arcs(Backbone):
     """Arcs from station to station; straight past the last IMU."""
 
     def __init__(self, model: 'PccExact', stations: FloatArray):
-        super().__init__(model)
+        self._model = model
         self._stations = stations
         self._tangents = tangent(stations)
         self._rotations = to_rotation_vector(multiply(stations[..., 1:, :], conjugate(stations[..., :-1, :])))

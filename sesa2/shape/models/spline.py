@@ -4,17 +4,17 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sesa2.shape.arm import Arm
-from sesa2.shape.curve import Curve, CurveModel
-from sesa2.shape.model import with_base
-from sesa2.shape.rotations import FloatArray, multiply, slerp_along, swing, tangent
+from sesa2.shape.curve import CurveModel
+from sesa2.shape.model import Backbone, with_base
+from sesa2.shape.rotations import FloatArray, aim, of_one_sign, tangent
 
 
-class TangentSpline(Curve):
+class TangentSpline(Backbone):
     """The curve whose tangent is the spline; it is not scaled to unit length, so positions are linear in it."""
 
     def __init__(self, model: 'Spline', stations: FloatArray):
-        super().__init__(model)
-        self._stations = stations
+        self._model = model
+        self._stations = of_one_sign(stations)
         self._tangents = tangent(stations)
 
     def positions(self, s: ArrayLike) -> FloatArray:
@@ -23,15 +23,13 @@ class TangentSpline(Curve):
         return integrals @ self._tangents
 
     def orientations(self, s: ArrayLike) -> FloatArray:
-        """See Backbone. Slerp from station to station (held past the last IMU), swung the least onto the curve."""
-        _, values, section, fraction = self._model.at(s)
-        slerped = slerp_along(self._stations, section, fraction)
-        axis, along = tangent(slerped), values @ self._tangents
-        # Between opposite tangents the spline passes through zero, which points nowhere.
-        vanishes = np.einsum('...i,...i->...', along, along) < 1e-18
-        if vanishes.any():
-            along = np.where(vanishes[..., None], axis, along)
-        return multiply(swing(axis, along), slerped)
+        """See Backbone. The least turn onto the curve from what lies between the stations (held past the last IMU).
+
+        Between the stations the quaternions are blended linearly: where two are 30° apart it is within 0.05° of slerp,
+        and it is a matrix product where slerp takes two sines for every place.
+        """
+        _, weights, blend = self._model.at(s)
+        return aim(blend @ self._stations, weights @ self._tangents)
 
 
 class Spline(CurveModel):
@@ -76,12 +74,16 @@ class Spline(CurveModel):
     def _fit(self, orientations: FloatArray, base: FloatArray) -> TangentSpline:
         return TangentSpline(self, with_base(orientations, base))
 
-    def _precompute(self, s: FloatArray) -> tuple[FloatArray, FloatArray, np.ndarray, FloatArray]:
-        """Weights of the stations' tangents in the position, m, and in the tangent, (n, n_imu + 1) each; then the
-        section that each s is in and the fraction of it (at most 1), (n,) each.
+    def _precompute(self, s: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Weights of the stations' tangents in the position, m, and in the tangent, and of their quaternions in the
+        orientation before it is aimed; (n, n_imu + 1) each.
         """
         section, fraction = self._sections(s)
+        fraction = np.minimum(fraction, 1.0)
         past = self._past(s / self.arm.length)
         values = past**self._powers
         integrals = self.arm.length * past * values / (self._powers + 1)
-        return integrals @ self._coefficients, values @ self._coefficients, section, np.minimum(fraction, 1.0)
+        blend = np.zeros((len(s), len(self.arm.stations)))
+        blend[np.arange(len(s)), section] = 1.0 - fraction
+        blend[np.arange(len(s)), section + 1] = fraction
+        return integrals @ self._coefficients, values @ self._coefficients, blend
