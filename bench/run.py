@@ -2,11 +2,13 @@
 
 import argparse
 import os
+from itertools import chain
 from pathlib import Path
 
 import live
 import replay
 import shape
+import viewer
 
 import firmware
 
@@ -16,7 +18,7 @@ ROOT = Path(__file__).resolve().parents[1]
 def main():
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument('--seconds', type=float, default=60.0, help='length of the live measurement')
+    parser.add_argument('--seconds', type=float, default=60.0, help='length of each live measurement')
     seconds = parser.parse_args().seconds
     show('figure', 'measured', 'peer or target', 'ratio')
     show('---', '---', '---', '---')
@@ -35,7 +37,7 @@ def main():
         show('replay', 'not measured', f'{data} is absent', '')
     for figure, value, limit in firmware.rows():
         show(figure, value, limit, '')
-    for figure, value, unit, limit in live.rows(seconds):
+    for figure, value, unit, limit in chain(live.rows(seconds), viewer.rows(seconds)):
         show(figure, f'{value:.3g} {unit}', '' if limit is None else f'≤ {limit} {unit}', '')
 
 

@@ -1,6 +1,7 @@
 """What all tests share: a ROS graph of their own, and other people's recordings where they are."""
 
 import os
+import socket
 from pathlib import Path
 
 import pytest
@@ -10,9 +11,24 @@ from hypothesis import settings
 settings.register_profile('same', derandomize=True)
 settings.load_profile('same')
 
-# A domain of its own for each test process, on this host only. Below 102 its ports stay clear of those that Linux gives
-# out by itself.
-os.environ['ROS_DOMAIN_ID'] = str(1 + os.getpid() % 100)
+
+def _own_domain():
+    """A ROS domain that no other test process on this host has, and the socket that keeps it so.
+
+    Below 102 its ports stay clear of those that Linux gives out by itself.
+    """
+    for i in range(100):
+        domain, lock = 1 + (os.getpid() + i) % 100, socket.socket()
+        try:
+            lock.bind(('127.0.0.1', 20_000 + domain))
+        except OSError:
+            lock.close()
+        else:
+            return str(domain), lock
+    raise RuntimeError('100 test processes at once')
+
+
+os.environ['ROS_DOMAIN_ID'], _DOMAIN_LOCK = _own_domain()
 os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
 # Shared memory would be left behind by a test that kills a node.
 os.environ['FASTDDS_BUILTIN_TRANSPORTS'] = 'UDPv4'

@@ -53,6 +53,10 @@ class Program:
         return self._files[1].read_text()
 
     @property
+    def pid(self):
+        return self._process.pid
+
+    @property
     def running(self):
         return self._process.poll() is None
 

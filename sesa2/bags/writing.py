@@ -235,7 +235,12 @@ def record(path: str | Path) -> BagWriter:
     path = Path(path)
     folder, number = path, 1
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+        except FileExistsError as error:
+            raise Sesa2Error(
+                f'{path}: cannot be written: {error.filename} is a file, expected a folder'
+            ) from None
         while True:
             try:
                 folder.mkdir()

@@ -47,6 +47,14 @@ def not_negative(text: str) -> float:
     return value
 
 
+def port_number(text: str) -> int:
+    """A port of the network, as an argument's type."""
+    value = int(text)
+    if not 0 <= value <= 65535:
+        raise argparse.ArgumentTypeError(f'got {text}, expected 0 to 65535')
+    return value
+
+
 def names(text: str) -> tuple[str, ...]:
     """Names with commas between them, as an argument's type."""
     return tuple(text.split(','))

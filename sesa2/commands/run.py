@@ -3,7 +3,7 @@
 import argparse
 from dataclasses import replace
 
-from sesa2.commands.arguments import add_config, load_config, not_negative, positive
+from sesa2.commands.arguments import add_config, load_config, not_negative, port_number, positive
 from sesa2.configuration import Configuration, files
 from sesa2.nodes.signals import stop_on_signals
 
@@ -27,7 +27,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--loop', action='store_true', default=None, help='play the bag again and again')
     parser.add_argument('--clock', action='store_true', default=None, help="publish the bag's time on /clock")
     parser.add_argument('--record', metavar='BAG', help='record into this bag')
-    parser.add_argument('--viewer', action='store_true', help='show a page with the arm and a control panel')
+    parser.add_argument(
+        '--viewer',
+        nargs='?',
+        const=8080,
+        type=port_number,
+        metavar='PORT',
+        help='show a page with the arm and a control panel (on port 8080; 0: any that is free)',
+    )
     parser.add_argument('--duration', type=positive, metavar='S', help='end after this time, s')
 
 
@@ -37,7 +44,7 @@ def run(options: argparse.Namespace) -> int:
     with stop_on_signals() as stop:
         from sesa2.nodes.running import run as run_system
 
-        run_system(c, stop, options.duration, viewer=options.viewer)
+        run_system(c, stop, options.duration, viewer_port=options.viewer)
     return 0
 
 

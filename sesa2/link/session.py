@@ -57,7 +57,7 @@ class Session:
     handler
         Whom to tell what comes in.
     saved
-        Offsets by IMU id, looked up at every connect and comeback.
+        Offsets by IMU id, looked up at every connect and comeback, and once a second where there were none.
 
     Attributes
     ----------
@@ -310,10 +310,12 @@ class Session:
                     Level.WARN,
                     f'IMU {imu_id} is back with a new heading, since mode IMU has no north: align again',
                 )
-        # A chip that came just after HELLO was absent in no sweep.
         for imu_id, imu in self.imus().items():
-            unchecked = imu.state is State.RUN and imu.offsets is OffsetsState.NOT_CHECKED
-            if unchecked and imu_id not in self._intake.returned:
+            # A chip that came just after HELLO was absent in no sweep; offsets may have been saved meanwhile.
+            unchecked = imu.offsets is OffsetsState.NOT_CHECKED or (
+                imu.offsets is OffsetsState.NONE_SAVED and imu_id in self._saved
+            )
+            if unchecked and imu.state is State.RUN and imu_id not in self._intake.returned:
                 self._compare(board, imu_id)
 
     def _revive(self, board: Board) -> None:

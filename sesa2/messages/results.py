@@ -7,6 +7,7 @@ import numpy as np
 from sesa2.configuration import Configuration
 from sesa2.estimation.estimator import Estimate, Estimator
 from sesa2.messages.cdr import Layout, Template
+from sesa2.messages.colours import model_colours
 from sesa2.shape.rotations import FloatArray
 
 TYPES = {
@@ -90,14 +91,6 @@ def _path(frame: str, n: int) -> Layout:
     return layout
 
 
-# RViz knows a colour for each model, so that several can be told apart.
-_COLOURS = {
-    'rigid': (0.12, 0.47, 0.71),
-    'pcc': (1.0, 0.5, 0.05),
-    'pcc_exact': (0.17, 0.63, 0.17),
-    'spline': (0.84, 0.15, 0.16),
-}
-_GREY = (0.5, 0.5, 0.5)
 _GREEN = (0.1, 0.8, 0.1)
 _LINE_STRIP, _SPHERE_LIST = 4, 7
 
@@ -108,7 +101,12 @@ def _marker_array(frame: str, model: str, n_ends: int, configuration: Configurat
     layout = Layout().uint32(2)
     for number, (kind, points, scale, colour) in enumerate(
         [
-            (_LINE_STRIP, n_ends, diameter, _COLOURS.get(model, _GREY)),
+            (
+                _LINE_STRIP,
+                n_ends,
+                diameter,
+                tuple(c / 255 for c in model_colours(configuration.models)[model]),
+            ),
             (_SPHERE_LIST, len(configuration.markers.names), 1.3 * diameter, _GREEN),
         ]
     ):

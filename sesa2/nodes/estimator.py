@@ -14,7 +14,7 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger
 from visualization_msgs.msg import MarkerArray
 
-from sesa2.configuration import files
+from sesa2.configuration import Configuration, files
 from sesa2.errors import Sesa2Error
 from sesa2.estimation.estimator import Estimate, Estimator
 from sesa2.estimation.sweeps import Sweep
@@ -46,6 +46,8 @@ class EstimatorNode(rclpy.node.Node):
     ----------
     latest
         the newest estimate, of one sweep.
+    aligned
+        the configuration since `~/align`; None before.
     n_sweeps
         number of sweeps estimated.
     received
@@ -58,6 +60,7 @@ class EstimatorNode(rclpy.node.Node):
         self._estimator = Estimator(self.configuration)
         self.assembler = self._estimator.assembler()
         self.latest: Estimate | None = None
+        self.aligned: Configuration | None = None
         self.n_sweeps = 0
         self._messages = ResultMessages(self.configuration, self._estimator)
         self._topics = [
@@ -149,7 +152,7 @@ class EstimatorNode(rclpy.node.Node):
         except Sesa2Error as error:
             response.message = str(error)
             return response
-        self.configuration = c.with_alignment(found.mountings, found.headings)
+        self.configuration = self.aligned = c.with_alignment(found.mountings, found.headings)
         self._estimator = Estimator(self.configuration)
         self._publish_configuration()
         tilts = np.rad2deg(np.linalg.norm(found.corrections[:, :2], axis=1))

@@ -25,6 +25,7 @@ from sesa2.shape.rotations import FloatArray
 from sesa2.viewer.live import Diagnostic, Live
 
 _SILENT_S = 0.5  # an IMU that has said nothing for so long is drawn grey
+_NO_TRUTH_S = 2.0  # a truth that has said nothing for so long is not drawn; some cameras are slow
 # Of a stream only the newest message is wanted, and nobody must ever wait for a viewer.
 _NEWEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 _NS = 1_000_000_000
@@ -73,6 +74,7 @@ class Listener:
         self._last_heard: dict[int, float] = {}
         self._calibrations: dict[int, Subscription] = {}
         self._truth_markers = _Newest(streams, PoseArray, 'truth/markers')
+        self._truth_heard = {'markers': 0.0, 'shape': 0.0}
         self._truth_shape = _Newest(streams, Path, 'truth/shape')
         node.create_subscription(DiagnosticArray, '/diagnostics', self._take_diagnostics, 10)
 
@@ -118,9 +120,13 @@ class Listener:
             elif now - self._last_heard.get(i, 0.0) > _SILENT_S:
                 live.sensors.pop(i, None)
         if got := self._read(self._truth_markers, read_pose_array):
-            live.truth_markers = got[0].poses
+            live.truth_markers, self._truth_heard['markers'] = got[0].poses, now
+        elif now - self._truth_heard['markers'] > _NO_TRUTH_S:
+            live.truth_markers = None
         if got := self._read(self._truth_shape, read_path):
-            live.truth_backbone = got[0].poses
+            live.truth_backbone, self._truth_heard['shape'] = got[0].poses, now
+        elif now - self._truth_heard['shape'] > _NO_TRUTH_S:
+            live.truth_backbone = None
 
     def _read(self, newest: _Newest, read: Callable[[bytes], Any]) -> tuple[Any, int] | None:
         taken = newest.take()

@@ -4,10 +4,11 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from collections.abc import Callable
+from contextlib import ExitStack
 
 from sesa2.configuration import Configuration
+from sesa2.errors import Sesa2Error
 from sesa2.nodes.runtime import Spinner, ros
 from sesa2.nodes.status import Status
 from sesa2.nodes.system import System
@@ -22,7 +23,7 @@ def run(
     stop: threading.Event,
     duration: float | None = None,
     *,
-    viewer: bool = False,
+    viewer_port: int | None = None,
 ) -> None:
     """Run until asked to stop, the end of the bag or the given time.
 
@@ -34,20 +35,21 @@ def run(
         set from outside, to end.
     duration
         s; None: no end.
-    viewer
-        show a page with a control panel; then a failure does not end the run, since it can be mended there.
+    viewer_port
+        show a page with a control panel on this port, 0: any that is free; then a failure of the system does not end
+        the run, since it can be mended there.
 
     Raises
     ------
     Sesa2Error
-        a node cannot start, or cannot go on.
+        a node cannot start, or cannot go on; or the page cannot be shown.
     """
     ends = time.monotonic() + duration if duration else float('inf')
     sys.setswitchinterval(_SWITCH_S)
     with ros([]), Spinner() as spinner, ExitStack() as stack:
         system = System(spinner)
         stack.callback(system.stop)
-        if not viewer:
+        if viewer_port is None:
             system.start(configuration)
             _spin(spinner, system, lambda: stop.is_set() or system.finished or time.monotonic() > ends)
             if system.failure:
@@ -55,12 +57,15 @@ def run(
             return
         node = SystemNode(system, configuration)
         spinner.add(node)
-        stack.enter_context(_viewer_process())
+        viewer = stack.enter_context(_Viewer(viewer_port))
         node.try_to_start()
 
         def ended() -> bool:
+            if stop.is_set() or time.monotonic() > ends:
+                return True
             node.look_after()
-            return stop.is_set() or time.monotonic() > ends
+            viewer.look_after()
+            return False
 
         _spin(spinner, system, ended)
 
@@ -75,12 +80,34 @@ def _spin(spinner: Spinner, system: System, ended: Callable[[], bool]) -> None:
         status.show_summary()
 
 
-@contextmanager
-def _viewer_process() -> Iterator[None]:
-    """The viewer, in a process of its own so that drawing never holds up a sweep."""
-    process = subprocess.Popen([sys.executable, '-m', 'sesa2.nodes.viewer'])
-    try:
-        yield
-    finally:
-        process.terminate()
-        process.wait()
+class _Viewer:
+    """The viewer, in a process of its own so that drawing never holds up a sweep; a context manager that ends it."""
+
+    def __init__(self, port: int):
+        self._again = f'ros2 run sesa2 viewer --ros-args -p port:={port}'
+        self._told = False
+        command = [sys.executable, '-m', 'sesa2.nodes.viewer', '--ros-args', '-p', f'port:={port}']
+        self._process = subprocess.Popen(command)
+
+    def look_after(self) -> None:
+        """Without a page from the beginning there is no use in going on; a page that is lost later must stop nothing.
+
+        Raises
+        ------
+        Sesa2Error
+            it could not start.
+        """
+        code = self._process.poll()
+        if code is None or self._told:
+            return
+        self._told = True
+        if code > 0:
+            raise Sesa2Error('the page could not be shown')
+        print(f'the viewer has ended, the system goes on; `{self._again}` shows it again', file=sys.stderr)
+
+    def __enter__(self) -> '_Viewer':
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._process.terminate()
+        self._process.wait()

@@ -17,7 +17,7 @@ from std_srvs.srv import Trigger
 
 from sesa2.configuration import Configuration
 from sesa2.errors import Sesa2Error
-from sesa2.imu.offsets import Offsets, load_offsets
+from sesa2.imu.offsets import Offsets, OffsetsError, load_offsets
 from sesa2.imu.scores import Scores
 from sesa2.link.board import Board
 from sesa2.link.commands import FusionMode
@@ -90,8 +90,12 @@ class SerialBridge(rclpy.node.Node):
     def _load(self, c: Configuration) -> dict[int, Offsets]:
         """The saved offsets; a calibration that makes a new file may begin without one."""
         path = Path(c.calibration.file)
-        if not c.calibration.file or (c.run.mode == 'calibrate' and not path.exists()):
+        if not c.calibration.file:
             return {}
+        if not path.exists():
+            if c.run.mode == 'calibrate':
+                return {}
+            raise OffsetsError(f'calibration file {path} is not there; the mode calibrate makes one')
         calibration = load_offsets(path, self._ids)
         if calibration.missing:
             missing = ', '.join(map(str, calibration.missing))

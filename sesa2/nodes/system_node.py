@@ -34,6 +34,7 @@ class SystemNode(rclpy.node.Node):
         super().__init__('system', use_global_arguments=False)
         self._system = system
         self._configuration = configuration
+        self._alignment: Configuration | None = None
         self.trouble = ''
         self.declare_parameter(
             'configuration',
@@ -58,11 +59,23 @@ class SystemNode(rclpy.node.Node):
             self._give_up(error)
 
     def look_after(self) -> None:
-        """A node that fails stops the others, and the reason is shown; so does a bag that has been played."""
+        """A node that fails stops the others, and the reason is shown; so does a bag that has been played.
+
+        What `~/align` of the estimator has found is kept for the next start.
+        """
+        estimator = self._system.estimator
+        if estimator and estimator.aligned and estimator.aligned is not self._alignment:
+            self._alignment = estimator.aligned
+            self._keep(estimator.aligned)
         if failure := self._system.failure:
             self._give_up(failure)
         elif self._system.finished:
             self._system.stop()
+
+    def _keep(self, aligned: Configuration) -> None:
+        if aligned.imus.ids == self._configuration.imus.ids:  # else the next start is for another arm
+            c = self._configuration.with_alignment(aligned.mountings, aligned.headings)
+            self.set_parameters([Parameter('configuration', value=files.dump(c))])
 
     def _give_up(self, error: Sesa2Error) -> None:
         self._system.stop()

@@ -64,7 +64,9 @@ class Viewer(rclpy.node.Node):
         self._steering = GraphSteering(self)
         self.page = Page(self._server, self._listener.live, self._steering)
         self._shown: Configuration | None = None
-        self._planned = ''  # the configuration of the next start, as the system has it
+        # The configuration of the next start, as the system has it.
+        self._planned: Configuration | None = None
+        self._planned_text = ''
         self._asked: Future | None = None
         self.create_subscription(String, 'configuration', self._take_configuration, LATCHED)
         self._frame_timer = self.create_timer(_FRAME_S, self._draw)
@@ -89,17 +91,21 @@ class Viewer(rclpy.node.Node):
     def _take_planned(self, future: Future) -> None:
         values = future.result().values if future.result() else []
         text = values[0].string_value if values else ''
-        if text and text != self._planned:
-            self._planned = text
+        if text and text != self._planned_text:
+            self._planned_text = text
             if c := self._parse(text):
-                self.page.fill_in(c)
-                self._show(c)
+                before, self._planned = self._planned, c
+                if before and c == _aligned(before, c):
+                    self.page.take_alignment(c)
+                else:
+                    self.page.fill_in(c)
+                    self._show(c)
 
     def _take_configuration(self, message: String) -> None:
         c = self._parse(message.data)
         if c is None:
             return
-        if not self._planned:
+        if self._planned is None:
             self.page.fill_in(c)
         self._show(c)
 
@@ -121,6 +127,11 @@ class Viewer(rclpy.node.Node):
         self._shown = c
         self._listener.listen_to(c)
         self.page.configure(c)
+
+
+def _aligned(c: Configuration, like: Configuration) -> Configuration:
+    imus = replace(c.imus, mount_orientations=like.imus.mount_orientations, headings=like.imus.headings)
+    return replace(c, imus=imus)
 
 
 def main() -> int:

@@ -73,6 +73,10 @@ class Field:
             return words[0]  # a rule by its name, as of rigid.boundaries
         return numbers
 
+    @value.setter
+    def value(self, value: Any) -> None:
+        self._input.value = value if self._entry is bool else _text(value)
+
     def write(self, flat: dict[str, Any]) -> None:
         """Put the value where it belongs; entries of a list are appended in the order of the fields."""
         value = self.value

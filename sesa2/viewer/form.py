@@ -106,6 +106,18 @@ class Form:
                 self._add_folder('IMU on the base', _BASE_IMU, expand=False)
             self.check()
 
+    def take_alignment(self, c: Configuration) -> None:
+        """Show the mountings and headings of this configuration; all else stays as it stands there."""
+        with self._lock:
+            found: dict[str, Any] = {
+                'imus.mount_orientations': iter(c.mountings.tolist()),
+                'imus.headings': iter(c.headings.tolist()),
+            }
+            for field in self._fields:
+                if field.path in found and (value := next(found[field.path], None)) is not None:
+                    field.value = value
+            self.check()
+
     def check(self) -> Configuration | None:
         """Validate what stands there, and show each mistake beside its field; None where there is one."""
         with self._lock:

@@ -11,11 +11,12 @@ import viser
 
 from sesa2.configuration import Configuration, files
 from sesa2.errors import Sesa2Error
+from sesa2.messages.colours import model_colours
 from sesa2.viewer.fields import mistake_html
 from sesa2.viewer.form import Form
 from sesa2.viewer.live import Live
 from sesa2.viewer.readings import calibration_html, rates_html, state_html
-from sesa2.viewer.scene import Scene, colours
+from sesa2.viewer.scene import Scene
 from sesa2.viewer.steering import Steering
 from sesa2.viewer.tip_plot import TipPlot
 
@@ -73,7 +74,7 @@ class Page:
             box.remove()
         self._boxes = []
         with self._view:
-            for name, (r, g, b) in colours(c.models).items():
+            for name, (r, g, b) in model_colours(c.models).items():
                 self._boxes.append(
                     self._gui.add_html(
                         f'<div style="height:3px;margin:0.3em 0.8em 0;background:rgb({r},{g},{b})"></div>'
@@ -88,6 +89,11 @@ class Page:
     def fill_in(self, c: Configuration) -> None:
         """Put a configuration into the form."""
         self._form.fill_in(c)
+        self._tell_mistakes()
+
+    def take_alignment(self, c: Configuration) -> None:
+        """Put the mountings and headings of a configuration into the form, and leave the rest as it stands there."""
+        self._form.take_alignment(c)
         self._tell_mistakes()
 
     def draw(self) -> None:

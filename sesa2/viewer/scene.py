@@ -1,37 +1,20 @@
 """The arm in 3D: a tube for each model, markers, IMUs, the base, and the truth as a ghost."""
 
-from collections.abc import Sequence
-from itertools import cycle
-
 import numpy as np
 import trimesh.creation
 import viser
 
 from sesa2.configuration import Configuration
 from sesa2.imu.mounting import Mounting
+from sesa2.messages.colours import Colour, model_colours
 from sesa2.shape.models import create_model
 from sesa2.shape.rotations import FloatArray, conjugate, multiply, rotate
 from sesa2.viewer.live import Live
 from sesa2.viewer.tube import SIDES, tube_faces, tube_vertices
 
-Colour = tuple[int, int, int]
-
-_COLOURS: dict[str, Colour] = {
-    'rigid': (31, 119, 180),
-    'pcc': (255, 127, 14),
-    'pcc_exact': (44, 160, 44),
-    'spline': (214, 39, 40),
-}
-_FURTHER: tuple[Colour, ...] = ((148, 103, 189), (140, 86, 75), (23, 190, 207))
 _MARKER: Colour = (25, 175, 60)
 _GREY: Colour = (150, 150, 150)
 _GHOST: Colour = (70, 70, 90)
-
-
-def colours(models: Sequence[str]) -> dict[str, Colour]:
-    """A colour for each model, the same at every start, as in RViz."""
-    further = cycle(_FURTHER)
-    return {name: _COLOURS.get(name) or next(further) for name in models}
 
 
 class Scene:
@@ -69,7 +52,7 @@ class Scene:
         self._markers: viser.BatchedMeshHandle | None = None
         self._truth_markers: viser.BatchedMeshHandle | None = None
         self._labels: list[viser.LabelHandle] = []
-        self._colours = colours(c.models)
+        self._colours = model_colours(c.models)
         self._link_ends = {
             name: create_model(name, c.geometry, **c.model_options(name)).link_ends for name in c.models
         }

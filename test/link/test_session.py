@@ -237,7 +237,7 @@ def test_cable_is_pulled_and_put_back(make_board, make_session, recorder):
         recorder.wait(lambda count=count: session.counters().reconnects == count)
         recorder.wait_for_sweeps(20)
         assert len(recorder.messages(Level.ERROR)) == errors + 2  # said once, tried often
-        assert session.imus()[2].offsets is OffsetsState.AS_SAVED
+        recorder.wait(lambda: session.imus()[2].offsets is OffsetsState.AS_SAVED)  # the chips start too
     assert session.counters().board_resets == 2
 
 
@@ -249,6 +249,15 @@ def test_offsets_are_looked_up_at_every_connect(make_board, make_session, record
     saved[3] = replace(SAVED[1], accel_radius=77)
     virtual.reset()
     recorder.wait(lambda: (3, saved[3]) in recorder.offsets)
+
+
+def test_offsets_saved_meanwhile_are_checked(make_board, make_session, recorder):
+    virtual = make_board()
+    saved = dict(SAVED)
+    session = make_session(saved)
+    recorder.wait_for_sweeps(5)
+    saved[3] = Offsets.from_registers(virtual._chips[3].read_offsets())
+    recorder.wait(lambda: session.imus()[3].offsets is OffsetsState.AS_SAVED)
 
 
 def test_a_board_of_another_version_ends_it(make_board, make_session, recorder):

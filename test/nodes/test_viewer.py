@@ -12,16 +12,19 @@ import numpy as np
 import pytest
 import rclpy
 from browsing import browser, tab  # noqa: F401  fixtures
+from geometry_msgs.msg import Point, Pose, PoseArray, PoseStamped
+from nav_msgs.msg import Path as PathMessage
 from sensor_msgs.msg import Imu
 
 from sesa2.configuration import files, validate
+from sesa2.imu.offsets import load_offsets
 from sesa2.messages.imu import ImuMessages
 from sesa2.nodes.estimator import EstimatorNode
 from sesa2.nodes.qos import STREAM
 from sesa2.nodes.runtime import Spinner
 from sesa2.nodes.system import System
 from sesa2.nodes.system_node import SystemNode
-from sesa2.shape.rotations import from_rotation_vector
+from sesa2.shape.rotations import from_rotation_vector, multiply
 
 pytest.importorskip('viser', reason='viser is not installed: pip install sesa2[viewer]')
 
@@ -43,10 +46,14 @@ class SteeredSystem:
 
     def __init__(self):
         self.bend = np.zeros(3)  # rotation vector from one IMU to the next, rad
+        self.mounting = np.array([0.0, 0.0, 0.0, 1.0])  # q_LS
+        self.truth = []  # poses along the true arm
         self.alive = {1, 2}
         self.spinner = Spinner()
         self.system = System(self.spinner)
         self.node = SystemNode(self.system, validate(VALUES))
+        self.true_shape = self.node.create_publisher(PathMessage, 'truth/shape', STREAM)
+        self.true_markers = self.node.create_publisher(PoseArray, 'truth/markers', STREAM)
         self.node.create_timer(1.0 / 30.0, self._play)
         self.spinner.add(self.node)
         self.imu_messages = {i: ImuMessages(f'imu_{i}') for i in (1, 2)}
@@ -79,9 +86,12 @@ class SteeredSystem:
         if self.system.board or not self.system.nodes:
             return
         now_ns = time.time_ns()
+        if self.truth:
+            self.true_shape.publish(PathMessage(poses=self.truth))
+            self.true_markers.publish(PoseArray(poses=[self.truth[-1].pose]))
         for k, i in enumerate((1, 2), start=1):
             if i in self.alive:
-                q = from_rotation_vector(k * self.bend)
+                q = multiply(from_rotation_vector(k * self.bend), self.mounting)
                 self.imus[i].publish(self.imu_messages[i].make(now_ns, q))
 
 
@@ -232,6 +242,62 @@ def test_calibration_bars_follow_the_virtual_board(system, shown):
     shown.until(scores, 'the calibrated board', tries=600)
     assert len(seen) > 1
     shown.page.get_by_text('calibrated', exact=True).first.wait_for()
+
+
+def test_align_is_kept_for_the_next_start_and_in_the_form(system, shown):
+    tilt = np.array([0.0, np.deg2rad(6.0), 0.0])
+    system.mounting = from_rotation_vector(tilt)
+    shown.until(
+        lambda: np.abs(system.estimator.latest.models['pcc'].ends[0, -1, 0]) > 0.01, 'the tilted IMUs'
+    )
+    shown.page.wait_for_timeout(3500)  # the arm has been straight for so long, as the button says
+    shown.go_to('Calibration')
+    shown.press('Align: the arm is straight now')
+    shown.page.get_by_text('mountings corrected by 6.0° (IMU 1), 6.0° (IMU 2)').wait_for()
+    shown.until(
+        lambda: np.abs(system.estimator.latest.models['pcc'].ends[0, -1, 0]) < 1e-6, 'the straight arm'
+    )
+    expected = validate(VALUES).with_alignment(np.tile(system.mounting, (2, 1)), np.zeros(2)).imus
+    shown.until(lambda: len(system.configuration.imus.mount_orientations) == 8, 'it is kept')
+    np.testing.assert_allclose(
+        system.configuration.imus.mount_orientations, expected.mount_orientations, atol=1e-6
+    )
+    shown.go_to('IMUs')
+    shown.page.get_by_text('IMU 1 at 0.15 m').click()
+    field = shown.field('mounting xyzw')
+    y = expected.mount_orientations[1]
+    shown.until(lambda: abs(float(field.input_value().split()[1]) - y) < 1e-6, 'the form')
+
+
+def test_offsets_are_read_and_saved(system, shown, tmp_path):
+    file = tmp_path / 'offsets.yaml'
+    shown.go_to('Run')
+    shown.choose('source', 'sim')
+    shown.choose('mode', 'calibrate')
+    shown.field('offsets file').fill(str(file))
+    shown.press('Start')
+    shown.page.get_by_text('started').wait_for()
+    shown.go_to('Calibration')
+    shown.press('Read the offsets of all chips')
+    shown.page.get_by_text('read the offsets of 2 IMUs').wait_for()
+    shown.press('Save the offsets')
+    shown.page.get_by_text(f'saved IMUs 1, 2 in {file}').wait_for()
+    assert set(load_offsets(file, (1, 2)).offsets) == {1, 2}
+
+
+def test_a_truth_is_a_ghost_as_long_as_it_is_told(system, shown):
+    shown.until(lambda: shown.where(orange)[2] > 300, 'the arm')
+    shown.page.wait_for_timeout(1000)
+    without = shown.picture().astype(int)
+
+    def changed():
+        return np.count_nonzero(np.abs(shown.picture().astype(int) - without).max(axis=-1) > 15)
+
+    aside = np.linspace([0.06, 0.06, 0.0], [0.06, 0.06, 0.3], 20)
+    system.truth = [PoseStamped(pose=Pose(position=Point(x=x, y=y, z=z))) for x, y, z in aside]
+    shown.until(lambda: changed() > 1000, 'the ghost')
+    system.truth = []
+    shown.until(lambda: changed() < 300, 'that the ghost goes')
 
 
 def test_a_killed_viewer_harms_nobody_and_another_takes_over(system, viewer, tab):  # noqa: F811

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 pytest.importorskip('viser', reason='viser is not installed: pip install sesa2[viewer]')
@@ -97,6 +98,18 @@ def test_a_mistake_stands_beside_its_field_and_nowhere_else(form, path, index, t
     assert form.mistakes
     assert write(form, path, before, index) == validate(VALUES)
     assert not beside(form, path, index)
+
+
+def test_an_alignment_comes_in_beside_what_is_being_edited(form):
+    write(form, 'arm.length', '0.35')
+    aligned = validate(VALUES).with_alignment(
+        np.array([[0.6, 0.0, 0.0, 0.8], [0.0, 0.8, 0.0, 0.6]]), np.array([0.5, -0.25])
+    )
+    form.take_alignment(aligned)
+    c = form.check()
+    assert c.imus.mount_orientations == aligned.imus.mount_orientations
+    assert c.imus.headings == aligned.imus.headings
+    assert c.arm.length == 0.35
 
 
 def test_no_model_is_a_mistake(form):

@@ -59,6 +59,10 @@ class Channel:
             if self.state is not State.ABSENT:
                 self._to_config(now_us + _TO_CONFIG_US)
 
+    def keep(self, registers: bytes) -> None:
+        """Offsets for a chip that is not in use yet."""
+        self._kept = registers
+
     def visit(self, request: Request, now_us: int) -> None:
         """WRITE_OFFSETS, READ_OFFSETS or RESET_IMU: to be done in CONFIG mode, or by starting the chip anew."""
         writing = request.command is Command.WRITE_OFFSETS

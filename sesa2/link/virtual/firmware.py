@@ -167,11 +167,16 @@ class Firmware:
             self._sent_us = NEVER
 
     def _visit(self, request: Request, now_us: int) -> None:
-        channel = self._channels.get(request.arguments[0] + 1)
-        if channel:
+        imu_id = request.arguments[0] + 1
+        channel = self._channels.get(imu_id)
+        if channel is None:
+            self._reply(request, Result.BAD_ARGUMENT)
+        elif imu_id in self._ids:
             channel.visit(request, now_us)
         else:
-            self._reply(request, Result.BAD_ARGUMENT)
+            if request.command is Command.WRITE_OFFSETS:
+                channel.keep(request.arguments[1:])
+            self._reply(request, Result.ABSENT)
 
     def _step(self, now_us: int) -> None:
         for channel in self._channels.values():
