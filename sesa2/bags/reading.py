@@ -12,6 +12,7 @@ from sesa2.bags.definitions import POSE_ARRAY, STRING, typestore
 from sesa2.bags.recording import Recording, open_recording
 from sesa2.bags.topics import absolute, imu_topic
 from sesa2.errors import Sesa2Error
+from sesa2.messages import poses
 from sesa2.messages.imu import read_imu
 from sesa2.shape.rotations import FloatArray
 
@@ -198,5 +199,4 @@ def read_path(path: str | Path, topic: str, index: int) -> FloatArray:
         message = next(islice(messages, index, None), None)
     if message is None:
         raise Sesa2Error(f'{path}: no message {index} on {name}')
-    poses = typestore().deserialize_cdr(message.data, message.type).poses
-    return np.array([(p.pose.position.x, p.pose.position.y, p.pose.position.z) for p in poses])
+    return poses.read_path(message.data).poses[:, :3]

@@ -10,13 +10,6 @@ from sesa2.shape.rotations import FloatArray
 class CurveModel(Model):
     """A model whose backbone is a curve; its links are oriented as it is at their middles, so that the chain that they
     make agrees with the curve as 1/links².
-
-    Parameters
-    ----------
-    arm
-        the arm.
-    links
-        number of links that stand for it on the ROS graph.
     """
 
     def __init__(self, arm: Arm, links: int = 64):
