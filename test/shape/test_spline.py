@@ -88,6 +88,25 @@ def test_orientations_are_blended_quaternions_swung_onto_the_tangent(rng, arm):
     np.testing.assert_allclose(same, 1.0, atol=1e-14)
 
 
+def test_links_tend_to_the_curve_at_unit_speed_as_the_square_of_their_number(rng):
+    arm = ARMS[0]
+    q, base = bent(rng, 8)
+    spline = oracle(arm, q, base)
+
+    def unit(s):
+        tangent = spline(s)
+        return tangent / np.linalg.norm(tangent)
+
+    tip, _ = quad_vec(unit, 0.0, arm.length, points=list(EIGHT), epsabs=1e-13)
+    errors = []
+    for links in (64, 128, 256):
+        model = create_model('spline', arm, links=links)
+        middles = Rotation.from_quat(model.fit(q, base).orientations(model.link_middles))
+        chain = np.sum(np.diff(model.link_ends)[:, None] * middles.apply([0.0, 0.0, 1.0]), axis=0)
+        errors.append(np.linalg.norm(chain - tip))
+    np.testing.assert_allclose(np.divide(errors[:-1], errors[1:]), 4.0, rtol=0.1)
+
+
 def test_a_steady_twist_comes_out_as_slerp_has_it():
     twist = Rotation.from_rotvec(np.outer(np.deg2rad(30.0) * np.arange(9), [0.0, 0.0, 1.0])).as_quat()
     s = np.linspace(0.0, EIGHT[-1], 200)

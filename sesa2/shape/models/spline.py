@@ -10,7 +10,7 @@ from sesa2.shape.rotations import FloatArray, aim, of_one_sign, tangent
 
 
 class TangentSpline(Backbone):
-    """The curve whose tangent is the spline; it is not scaled to unit length, so positions are linear in it."""
+    """The curve whose tangent is the spline."""
 
     def __init__(self, model: 'Spline', stations: FloatArray):
         self._model = model
@@ -25,8 +25,8 @@ class TangentSpline(Backbone):
     def orientations(self, s: ArrayLike) -> FloatArray:
         """See Backbone. The least turn onto the curve from what lies between the stations (held past the last IMU).
 
-        Between the stations the quaternions are blended linearly: where two are 30° apart it is within 0.05° of slerp,
-        and it is a matrix product where slerp takes two sines for every place.
+        Between the stations the quaternions are blended linearly: where two are 30° apart this is 0.03° from slerp at
+        most, and it is a matrix product where slerp takes two sines for every place.
         """
         _, weights, blend = self._model.at(s)
         return aim(blend @ self._stations, weights @ self._tangents)
@@ -44,6 +44,10 @@ class Spline(CurveModel):
     With one or two IMUs what is left is a parabola (a cantilever under a force at its tip, linear theory) or one cubic.
     Where the arm bends far from one station to the next the tangent between them is well short of unit length: on that
     arm with 2 IMUs this leaves 24 / 13 % and `pcc_exact` 8 / 10 %, with 4 it is 2.6 / 1.8 % against 3.4 / 3.4 %.
+
+    The tangent is not scaled to unit length, so that positions stay linear in it. The links on the ROS graph have their
+    full length: their chain tends to the curve of the same tangents at unit length, as 1/links², and at the tip of that
+    arm with 8 IMUs this lies 0.25 mm from the spline (median; at most 2 mm).
 
     Parameters
     ----------
