@@ -6,20 +6,7 @@ import signal
 import sys
 from collections.abc import Sequence
 
-from sesa2.commands import align, board, budget, check, evaluate, replay, run, twin, view
 from sesa2.errors import Sesa2Error
-
-_COMMANDS = {
-    'run': (run, 'start the nodes that a configuration asks for'),
-    'check': (check, 'validate a configuration and say what it means'),
-    'replay': (replay, 'the estimator over a whole recording, as fast as the machine can'),
-    'align': (align, 'mountings and headings from a recording'),
-    'evaluate': (evaluate, 'error against motion capture'),
-    'view': (view, 'a recording as one page with a time line'),
-    'budget': (budget, 'the error to expect at each marker, by source'),
-    'twin': (twin, 'a simulated trial, with the truth'),
-    'board': (board, 'a virtual board on a pseudo-terminal'),
-}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -31,8 +18,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     # Line by line also into a pipe, so that what was said before a kill is there.
     sys.stdout.reconfigure(line_buffering=True)  # type: ignore[union-attr]
-    options = _parser().parse_args(arguments)
     try:
+        options = _parser().parse_args(arguments)
         return options.command(options)
     except Sesa2Error as error:
         print(f'error: {error}', file=sys.stderr)
@@ -46,11 +33,24 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _parser() -> argparse.ArgumentParser:
+    # Here, so that Ctrl-C while the libraries are loaded ends it as at any other time.
+    from sesa2.commands import align, board, budget, check, evaluate, replay, run, twin, view
+
     parser = argparse.ArgumentParser(
         prog='sesa2', description='Shape of a soft continuum arm from the orientations of IMUs along it.'
     )
     commands = parser.add_subparsers(required=True, metavar='COMMAND')
-    for name, (module, summary) in _COMMANDS.items():
+    for name, module, summary in (
+        ('run', run, 'start the nodes that a configuration asks for'),
+        ('check', check, 'validate a configuration and say what it means'),
+        ('replay', replay, 'the estimator over a whole recording, as fast as the machine can'),
+        ('align', align, 'mountings and headings from a recording'),
+        ('evaluate', evaluate, 'error against motion capture'),
+        ('view', view, 'a recording as one page with a time line'),
+        ('budget', budget, 'the error to expect at each marker, by source'),
+        ('twin', twin, 'a simulated trial, with the truth'),
+        ('board', board, 'a virtual board on a pseudo-terminal'),
+    ):
         command = commands.add_parser(name, help=summary, description=f'{summary[0].upper()}{summary[1:]}.')
         module.add_arguments(command)
         command.set_defaults(command=module.run)
