@@ -68,7 +68,10 @@ def run(options: argparse.Namespace) -> int:
         sweeps.base[chosen],
         options.headings,
     )
-    options.out.write_text(files.dump(c.with_alignment(mountings, headings)), encoding='utf-8')
+    try:
+        options.out.write_text(files.dump(c.with_alignment(mountings, headings)), encoding='utf-8')
+    except OSError as error:
+        raise Sesa2Error(f'{options.out}: cannot be written: {error.strerror}') from None
     print(f'written to {options.out}')
     return 0
 

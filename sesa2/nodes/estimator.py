@@ -3,6 +3,7 @@
 import time
 from collections import Counter, deque
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -18,7 +19,7 @@ from sesa2.configuration import Configuration, files
 from sesa2.errors import Sesa2Error
 from sesa2.estimation.estimator import Estimate, Estimator
 from sesa2.estimation.sweeps import Sweep
-from sesa2.imu.alignment import align_straight
+from sesa2.imu.alignment import Alignment, align_straight
 from sesa2.messages.imu import read_imu
 from sesa2.messages.results import TYPES, ResultMessages
 from sesa2.messages.robot import describe_robot
@@ -26,9 +27,12 @@ from sesa2.nodes.diagnostics import ERROR, OK, WARN, Diagnostics
 from sesa2.nodes.parameters import declare_configuration
 from sesa2.nodes.qos import ANY_STREAM, LATCHED, STREAM
 from sesa2.nodes.runtime import run_alone
+from sesa2.shape.rotations import FloatArray
 
 # What of the past `~/align` looks at: the arm was straight for so long.
 _POSE_NS = 3_000_000_000
+# A turn about the straight arm that is told, rad: headings of calibrated chips differ by a few degrees.
+_MUCH_TURN = np.deg2rad(10.0)
 
 _CLASSES = {
     'joint_states': JointState,
@@ -92,7 +96,10 @@ class EstimatorNode(rclpy.node.Node):
         self._last_report = (time.monotonic(), Counter[int](), 0)
         self._last_arrival = time.monotonic()
         self._recent: deque[Sweep] = deque()
-        self._align_service = self.create_service(Trigger, '~/align', self._align)
+        self._align_services = [
+            self.create_service(Trigger, '~/align', partial(self._align, headings=False)),
+            self.create_service(Trigger, '~/align_headings', partial(self._align, headings=True)),
+        ]
         self._watchdog = self.create_timer(self.configuration.sweep_timeout, self._close_overdue)
         self._diagnostics = Diagnostics(self, 'arm', self._report)
 
@@ -132,8 +139,13 @@ class EstimatorNode(rclpy.node.Node):
         for name, result in estimate.models.items():
             self._near_singular[name] += result.near_singular
 
-    def _align(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        """`~/align`: the arm has been straight for some seconds; take the mountings from that, and use them at once."""
+    def _align(
+        self, request: Trigger.Request, response: Trigger.Response, *, headings: bool
+    ) -> Trigger.Response:
+        """`~/align`: the arm has been straight for some seconds; take the mountings from that, and use them at once.
+
+        `~/align_headings`: the headings too; in the fusion mode IMU every chip starts with one of its own.
+        """
         del request
         sweeps = list(self._recent)
         if not sweeps:
@@ -148,6 +160,7 @@ class EstimatorNode(rclpy.node.Node):
                 c.mountings,
                 c.headings,
                 ids=c.imus.ids,
+                correct_headings=headings,
             )
         except Sesa2Error as error:
             response.message = str(error)
@@ -155,13 +168,25 @@ class EstimatorNode(rclpy.node.Node):
         self.configuration = self.aligned = c.with_alignment(found.mountings, found.headings)
         self._estimator = Estimator(self.configuration)
         self._publish_configuration()
-        tilts = np.rad2deg(np.linalg.norm(found.corrections[:, :2], axis=1))
-        response.success = True
-        response.message = 'mountings corrected by ' + ', '.join(
-            f'{tilt:.1f}° (IMU {i})' for i, tilt in zip(c.imus.ids, tilts, strict=True)
-        )
-        response.message += '; the topic configuration has them, to be saved in a file'
+        response.success, response.message = True, self._told(found, headings)
         return response
+
+    def _told(self, found: Alignment, headings: bool) -> str:
+        """What an alignment has found, in a sentence."""
+
+        def each(values: FloatArray, form: str) -> str:
+            ids = self.configuration.imus.ids
+            return ', '.join(f'{v:{form}}° (IMU {i})' for i, v in zip(ids, np.rad2deg(values), strict=True))
+
+        text = 'mountings corrected by ' + each(np.linalg.norm(found.corrections[:, :2], axis=1), '.1f')
+        if headings:
+            text += '; headings by ' + each(found.corrections[:, 2], '+.1f')
+        text += f'; spread {np.rad2deg(np.nanmax(found.spread)):.2f}° at most'
+        left = np.abs(found.unexplained)
+        if left.max() > _MUCH_TURN:
+            worst = self.configuration.imus.ids[int(left.argmax())]
+            text += f'; IMU {worst} is turned by {np.rad2deg(left.max()):.0f}° about the arm: its heading?'
+        return text
 
     def _publish_configuration(self) -> None:
         self._configuration_publisher.publish(String(data=files.dump(self.configuration)))

@@ -18,6 +18,7 @@ _SERVICES = {
     'record': 'system/record',
     'stop_record': 'system/stop_record',
     'align': 'estimator/align',
+    'align_headings': 'estimator/align_headings',
     'save_calibration': 'calibration/save',
     'read_offsets': 'serial_bridge/read_offsets',
 }

@@ -146,7 +146,11 @@ class Page:
     def _add_calibration(self) -> None:
         self._calibration = self._gui.add_html('')
         labels = {
-            'align': ('Align: the arm is straight now', 'learn how each IMU sits on the arm'),
+            'align': ('Align: the arm is straight now', 'learn how each IMU is tilted against the arm'),
+            'align_headings': (
+                'Align, headings too',
+                'the arm is straight and stands or hangs: what turns an IMU about it is its heading',
+            ),
             'read_offsets': ('Read the offsets of all chips', 'the chips stop measuring for a moment'),
             'save_calibration': ('Save the offsets', 'into the offsets file of the tab Run'),
         }

@@ -32,4 +32,4 @@ class Steering(Protocol):
         """One of ACTIONS."""
 
 
-ACTIONS = ('stop', 'stop_record', 'align', 'save_calibration', 'read_offsets')
+ACTIONS = ('stop', 'stop_record', 'align', 'align_headings', 'save_calibration', 'read_offsets')

@@ -207,3 +207,21 @@ def test_align_takes_the_mountings_from_the_straight_arm(graph, node):
     graph.until(lambda: len(configurations) == 2, 'the new configuration')
     written = files.parse(configurations[-1].data, 'topic')
     np.testing.assert_allclose(written.mountings, node.configuration.mountings, atol=1e-8)
+
+
+def test_align_headings_takes_a_turn_about_the_straight_arm_as_heading(graph, node):
+    tips = graph.listen(PoseStamped, 'pcc/tip', STREAM)
+    sensors = Sensors(graph, (2, 5))
+    turned = multiply(from_rotation_vector([0.0, 0.0, np.deg2rad(30.0)]), [0.6, 0.0, 0.0, 0.8])
+    for k in range(40):
+        sensors.say(2, T0 + 10 * k * MS, [0.6, 0.0, 0.0, 0.8])
+        sensors.say(5, T0 + 10 * k * MS + MS, turned)
+        graph.until(lambda n=k + 1: len(tips) == n, 'a result')
+    answer = graph.call(Trigger, 'estimator/align', Trigger.Request())
+    assert answer.success, answer.message
+    assert 'IMU 5 is turned by 30° about the arm' in answer.message
+    np.testing.assert_allclose(node.configuration.headings, 0.0)
+    answer = graph.call(Trigger, 'estimator/align_headings', Trigger.Request())
+    assert answer.success, answer.message
+    assert '+30.0° (IMU 5)' in answer.message
+    np.testing.assert_allclose(np.rad2deg(node.configuration.headings), [0.0, 30.0], atol=1e-6)
