@@ -70,6 +70,28 @@ def test_align_finds_the_mountings_in_a_straight_pose(tmp_path, config, capsys):
     assert 'exists already' in capsys.readouterr().err
 
 
+def test_align_warns_of_mountings_far_from_those_configured(tmp_path, config, capsys):
+    t = np.arange(200) / 50.0
+    hanging = multiply(np.tile([1.0, 0.0, 0.0, 0.0], (len(t), 4, 1)), from_rotation_vector([0.01, 0.0, 0.0]))
+    bag, out = recording(tmp_path / 'pose', t, hanging), tmp_path / 'aligned.yaml'
+    assert main(['align', str(bag), '--config', str(config), '--out', str(out)]) == 0
+    told = capsys.readouterr().err
+    assert 'tilted far from those configured (IMU' in told
+    assert 'arm.base_orientation' in told
+
+
+def test_align_refuses_what_goes_nowhere_before_it_works(tmp_path, config, capsys):
+    t = np.arange(200) / 50.0
+    bag = recording(tmp_path / 'pose', t, np.tile(IDENTITY, (len(t), 4, 1)))
+    for out, told in (
+        (tmp_path / 'no/such/a.yaml', 'cannot be written'),
+        (tmp_path / 'b.yaml', '--headings is for'),
+    ):
+        options = ['--self', '--headings'] if 'headings' in told else []
+        assert main(['align', str(bag), *options, '--config', str(config), '--out', str(out)]) == 1
+        assert told in capsys.readouterr().err
+
+
 def test_align_refuses_an_arm_that_moved_and_writes_nothing(tmp_path, config, capsys):
     t = np.arange(500) / 50.0
     bag = recording(tmp_path / 'moved', t, bending(t))

@@ -47,6 +47,22 @@ def not_negative(text: str) -> float:
     return value
 
 
+def natural(text: str) -> int:
+    """A whole number of at least zero, as an argument's type."""
+    value = int(text)
+    if value < 0:
+        raise argparse.ArgumentTypeError(f'got {text}, expected 0 or more')
+    return value
+
+
+def finite(text: str) -> float:
+    """A number, as an argument's type."""
+    value = float(text)
+    if not math.isfinite(value):
+        raise argparse.ArgumentTypeError(f'got {text}, expected a finite number')
+    return value
+
+
 def port_number(text: str) -> int:
     """A port of the network, as an argument's type."""
     value = int(text)

@@ -5,7 +5,7 @@ import json
 
 import numpy as np
 
-from sesa2.commands.arguments import add_config, load_config, positive
+from sesa2.commands.arguments import add_config, load_config, natural, positive
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -20,7 +20,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--samples', type=int, default=2000, metavar='N', help='shapes to draw (default: 2000)'
     )
-    parser.add_argument('--seed', type=int, default=0, metavar='K', help='of the draws (default: 0)')
+    parser.add_argument('--seed', type=natural, default=0, metavar='K', help='of the draws (default: 0)')
     parser.add_argument('--json', action='store_true', help='print JSON')
 
 

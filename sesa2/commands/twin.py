@@ -2,10 +2,11 @@
 
 import argparse
 import math
+import os
 from dataclasses import fields, replace
 from pathlib import Path
 
-from sesa2.commands.arguments import add_config, load_config, positive, progress
+from sesa2.commands.arguments import add_config, finite, load_config, natural, positive, progress
 from sesa2.errors import Sesa2Error
 from sesa2.imu.error_model import Bno055Errors
 
@@ -17,9 +18,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--out', required=True, type=Path, metavar='TRIAL', help='bag to write; must not exist'
     )
     parser.add_argument('--seconds', type=positive, default=250.0, metavar='N', help='length (default: 250)')
-    parser.add_argument('--seed', type=int, default=1, metavar='K', help='of motion and errors (default: 1)')
     parser.add_argument(
-        '--twist', type=float, default=0.0, metavar='RAD', help='twist that the hand applies besides, rad'
+        '--seed', type=natural, default=1, metavar='K', help='of motion and errors (default: 1)'
+    )
+    parser.add_argument(
+        '--twist', type=finite, default=0.0, metavar='RAD', help='twist that the hand applies besides, rad'
     )
     parser.add_argument(
         '--error',
@@ -39,6 +42,9 @@ def run(options: argparse.Namespace) -> int:
     c = load_config(options)
     if options.out.exists():
         raise Sesa2Error(f'{options.out}: exists already, expected the name of a new trial')
+    folder = options.out.resolve().parent
+    if not os.access(folder, os.W_OK | os.X_OK):  # before minutes are spent
+        raise Sesa2Error(f'{options.out}: cannot be written: {folder} is no folder that may be written into')
     show = progress('twin')
     trial = simulate(
         c,

@@ -131,7 +131,9 @@ class Budget:
             [layout, *(cell for e in self.models if e.layout == layout for cell in self._cells(e, TOGETHER))]
             for layout in dict.fromkeys(entry.layout for entry in self.models)
         ]
-        return '\n\n'.join([head, _table(['source', *columns], sources), _table(['IMUs', *columns], layouts)])
+        where_spaced = 'Evenly spaced: to the tip; with rigid at the middles of the links.'
+        tables = _table(['source', *columns], sources), _table(['IMUs', *columns], layouts)
+        return '\n\n'.join([head, *tables, where_spaced])
 
     def _cells(self, entry: ModelBudget, source: str) -> list[str]:
         """One for each marker."""
@@ -334,11 +336,12 @@ def _layouts(configuration: Configuration) -> list[tuple[str, Model, np.ndarray]
     ]
     for n in EVENLY_SPACED:
         for name in configuration.models:
-            # Rigid links are oriented as their middles (Table I); curves want their IMUs at the sections' ends.
+            # Rigid links are oriented as their middles (Table I); curves want their IMUs at the sections' ends, the
+            # last at the tip.
             positions = (
                 arm.length * (np.arange(n) + 0.5) / n
                 if name == 'rigid'
-                else arm.imu_positions[-1] * np.arange(1, n + 1) / n
+                else arm.length * np.arange(1, n + 1) / n
             )
             options = configuration.model_options(name)
             if name == 'rigid':

@@ -17,8 +17,8 @@ from sesa2.shape.rotations import (
     to_rotation_vector,
 )
 
-# White noise of 0.2° about each axis is a spread of 0.35°; an arm that sways by more than 1° is not held still.
-MAX_SPREAD = np.deg2rad(1.0)
+# An arm that is still shows up to 2.7° within a minute, by the tilt and the heading that a BNO055's fusion wanders by.
+MAX_SPREAD = np.deg2rad(3.0)
 MIN_SAMPLES = 30
 # Beyond this angle between the arm and the vertical a heading error looks more like tilt than like twist.
 MAX_FROM_VERTICAL = np.deg2rad(60.0)

@@ -33,6 +33,7 @@ from sesa2.shape.rotations import FloatArray
 _POSE_NS = 3_000_000_000
 # A turn about the straight arm that is told, rad: headings of calibrated chips differ by a few degrees.
 _MUCH_TURN = np.deg2rad(10.0)
+_MUCH_TILT = np.deg2rad(30.0)
 
 _CLASSES = {
     'joint_states': JointState,
@@ -182,6 +183,8 @@ class EstimatorNode(rclpy.node.Node):
         if headings:
             text += '; headings by ' + each(found.corrections[:, 2], '+.1f')
         text += f'; spread {np.rad2deg(np.nanmax(found.spread)):.2f}° at most'
+        if np.linalg.norm(found.corrections[:, :2], axis=1).max() > _MUCH_TILT:
+            text += '; that is far from what is configured: right if it was not known, else check arm.base_orientation'
         left = np.abs(found.unexplained)
         if left.max() > _MUCH_TURN:
             worst = self.configuration.imus.ids[int(left.argmax())]

@@ -83,8 +83,8 @@ def test_more_links_and_more_imus_err_less(thesis, budget):
     np.testing.assert_allclose(fine, coarse / 4.0, rtol=0.05)  # second order in their length
     together = [errors(budget, 'pcc_exact', f'{n} evenly spaced')[TOGETHER] for n in (2, 4, 8)]
     assert (np.diff(together, axis=0) < 0.0).all()
-    # These are the configured places.
-    np.testing.assert_allclose(together[2], errors(budget, 'pcc_exact')[TOGETHER])
+    # The configured places are nearly these: the last is 2 cm before the tip.
+    np.testing.assert_allclose(together[2], errors(budget, 'pcc_exact')[TOGETHER], rtol=0.05)
     assert LINKS not in errors(budget, 'pcc_exact')
 
 

@@ -5,6 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from sesa2.imu.alignment import AlignmentError, align_straight, mean_rotation
+from sesa2.imu.error_model import Bno055Errors, measure
 from sesa2.imu.mounting import Mounting
 from sesa2.shape.rotations import IDENTITY, from_rotation_vector, multiply, normalize
 
@@ -96,6 +97,18 @@ def test_a_base_measured_by_its_own_imu(rng):
     q = held_still(rng, OBLIQUE, np.tile(IDENTITY, (3, 1)), np.zeros(3))
     got = align_straight(q, np.ones((120, 3), bool), bases, np.tile(IDENTITY, (3, 1)), np.zeros(3), ids=IDS)
     np.testing.assert_allclose(np.rad2deg(got.corrections), 0.0, atol=0.15)
+
+
+@pytest.mark.parametrize('seconds', [3.0, 20.0])
+def test_what_a_chips_fusion_wanders_by_is_no_motion(seconds):
+    for seed in range(20):
+        times = np.linspace(0.0, seconds + 0.2, round(200 * seconds))
+        still = np.tile(IDENTITY, (len(times), 8, 1))
+        sweeps = np.arange(0.1, seconds, 0.02)
+        q = measure(times, still, sweeps, Bno055Errors(), np.random.default_rng(seed)).orientations
+        mountings = np.tile(IDENTITY, (8, 1))
+        found = align_straight(q, np.ones(q.shape[:2], bool), UP, mountings, np.zeros(8), ids=range(8))
+        assert found.spread.max() > np.deg2rad(0.5)
 
 
 @pytest.mark.parametrize(

@@ -49,6 +49,40 @@ def test_constant_errors_are_found():
     assert found.told.mean() > 0.85
 
 
+@pytest.mark.parametrize(
+    'base', [IDENTITY, np.array([0.0, np.sqrt(0.5), 0.0, np.sqrt(0.5)])], ids=['upright', 'lying']
+)
+def test_chips_that_start_with_any_heading(base):
+    rng = np.random.default_rng(9)
+    motion = moving_arm(rng, base=base)
+    q, _ = measure(rng, motion.links)
+    started = rng.uniform(-np.pi, np.pi, q.shape[1])
+    nearby, anywhere = (
+        calibrate(motion, Mounting(np.tile(IDENTITY, (q.shape[1], 1)), -psi).link_orientations(q))
+        for psi in (0.0 * started, started)
+    )
+    turned = Rotation.from_euler('z', (anywhere.headings - nearby.headings - started)[:, None])
+    assert np.rad2deg(turned.magnitude().max()) < 1.0
+    assert (np.abs(anywhere.headings) <= np.pi).all()
+    assert anywhere.misfit < 0.3
+
+
+def test_exchanged_imus_fit_no_smooth_shape():
+    rng = np.random.default_rng(1)
+    for bend in (1.2, 2.5):
+        motion = moving_arm(rng, bend=bend)
+        q, _ = measure(rng, motion.links)
+        assert calibrate(motion, q).misfit < 0.2
+        q[:, [2, 5]] = q[:, [5, 2]]
+        if bend < 2.0:
+            assert calibrate(motion, q).misfit > 0.4
+        else:
+            with pytest.raises(
+                CalibrationError, match=r'agrees with these IMUs \(misfit .*are two exchanged'
+            ):
+                calibrate(motion, q)
+
+
 def test_an_arm_without_errors_stays_as_it_is():
     rng = np.random.default_rng(2)
     motion = moving_arm(rng)
