@@ -15,7 +15,7 @@ from sesa2.imu.offsets import Offsets, OffsetsError, load_offsets, save_offsets
 from sesa2.imu.scores import Scores
 from sesa2.nodes.diagnostics import ERROR, OK, WARN, Diagnostics
 from sesa2.nodes.parameters import declare_configuration
-from sesa2.nodes.qos import EVERY_LATCHED
+from sesa2.nodes.qos import STREAM
 from sesa2.nodes.runtime import run_alone
 
 
@@ -45,10 +45,12 @@ class CalibrationNode(rclpy.node.Node):
         self.saved: dict[int, Offsets] = {}
         self.steps: dict[int, str] = {}
         self._offsets: dict[int, Offsets] = {}
+        self._complete: dict[int, bool] = {}
         self._failure = ''
+        # Not what was said before: it may be of chips that another bridge served. The present one repeats itself.
         self._subscriptions_of_imus = [
             self.create_subscription(
-                ImuCalibration, f'imu_{i}/calibration', functools.partial(self._take, i), EVERY_LATCHED
+                ImuCalibration, f'imu_{i}/calibration', functools.partial(self._take, i), STREAM
             )
             for i in self._ids
         ]
@@ -70,6 +72,7 @@ class CalibrationNode(rclpy.node.Node):
         if self.steps.get(imu) != step:
             self.steps[imu] = step
             self.get_logger().info(f'IMU {imu}: {step}')
+        self._complete[imu] = scores.complete(self._fusion)
         if not message.offsets_valid:
             return
         self._offsets[imu] = Offsets(
@@ -80,7 +83,7 @@ class CalibrationNode(rclpy.node.Node):
             message.accel_radius,
             message.mag_radius,
         )
-        if scores.complete(self._fusion) and self.saved.get(imu) != self._offsets[imu]:
+        if self._complete[imu] and self.saved.get(imu) != self._offsets[imu]:
             try:
                 self._save(imu)
             except Sesa2Error as error:
@@ -106,8 +109,11 @@ class CalibrationNode(rclpy.node.Node):
         except Sesa2Error as error:
             response.success, response.message = False, str(error)
             return response
+        partly = [i for i in sorted(self._offsets) if not self._complete[i]]
         unknown = [i for i in self._ids if i not in self._offsets]
         response.message = f'saved IMUs {", ".join(map(str, sorted(self._offsets)))} in {self._file}'
+        if partly:
+            response.message += f'; not calibrated to the end: {", ".join(map(str, partly))}'
         if unknown:
             response.message += f'; not read yet: {", ".join(map(str, unknown))}'
         return response

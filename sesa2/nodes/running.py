@@ -1,11 +1,13 @@
 """What `sesa2 run` does: start the system, keep it going, end it."""
 
+import signal
 import subprocess
 import sys
 import threading
 import time
 from collections.abc import Callable
 from contextlib import ExitStack
+from functools import partial
 
 from sesa2.configuration import Configuration
 from sesa2.errors import Sesa2Error
@@ -13,6 +15,7 @@ from sesa2.nodes.runtime import Spinner, ros
 from sesa2.nodes.status import Status
 from sesa2.nodes.system import System
 from sesa2.nodes.system_node import SystemNode
+from sesa2.viewer.port import LOOPBACK, check_port
 
 # The link's thread and the executor take turns: Python's 5 ms would be as long as a result may take.
 _SWITCH_S = 0.0005
@@ -44,6 +47,8 @@ def run(
     Sesa2Error
         a node cannot start, or cannot go on; or the page cannot be shown.
     """
+    if viewer_port:
+        check_port(LOOPBACK, viewer_port)
     ends = time.monotonic() + duration if duration else float('inf')
     sys.setswitchinterval(_SWITCH_S)
     with ros([]), Spinner() as spinner, ExitStack() as stack:
@@ -84,10 +89,13 @@ class _Viewer:
     """The viewer, in a process of its own so that drawing never holds up a sweep; a context manager that ends it."""
 
     def __init__(self, port: int):
-        self._again = f'ros2 run sesa2 viewer --ros-args -p port:={port}'
+        self._again = f'python -m sesa2.nodes.viewer --ros-args -p port:={port}'
         self._told = False
         command = [sys.executable, '-m', 'sesa2.nodes.viewer', '--ros-args', '-p', f'port:={port}']
-        self._process = subprocess.Popen(command)
+        # Ctrl-C reaches it too, also while it loads its libraries; it is ended from here.
+        self._process = subprocess.Popen(
+            command, preexec_fn=partial(signal.signal, signal.SIGINT, signal.SIG_IGN)
+        )
 
     def look_after(self) -> None:
         """Without a page from the beginning there is no use in going on; a page that is lost later must stop nothing.

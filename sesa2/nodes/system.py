@@ -89,16 +89,19 @@ class System:
             self.stop()
             raise
 
-    def wait_for_board(self) -> None:
-        """Wait until the board streams, where there is one, or it is known that it will not.
+    def wait_until_it_runs(self) -> None:
+        """Wait until the board streams or the recording plays, where there is one, or it is known that it will not.
 
         Raises
         ------
         Sesa2Error
             it will not; then nothing runs.
         """
-        bridge, deadline = self.bridge, time.monotonic() + _BOARD_PATIENCE_S
-        while bridge and not (bridge.session.connected or bridge.finished or time.monotonic() > deadline):
+        bridge, player, deadline = self.bridge, self._running(Player), time.monotonic() + _BOARD_PATIENCE_S
+        while time.monotonic() < deadline and (
+            (bridge and not (bridge.session.connected or bridge.finished))
+            or (player and not (player.n_played or player.finished or player.failure))
+        ):
             time.sleep(0.02)
         if failure := self.failure:
             self.stop()

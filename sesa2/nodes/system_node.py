@@ -108,8 +108,11 @@ class SystemNode(rclpy.node.Node):
         self._system.stop()
         self.trouble = ''
         self._system.start(self._configuration)
-        self._system.wait_for_board()
-        return f'started: source {self._configuration.run.source}, mode {self._configuration.run.mode}'
+        self._system.wait_until_it_runs()
+        recorder = self._system.recorder
+        recording = f'; recording into {recorder.path}, since the form names a bag' if recorder else ''
+        run = self._configuration.run
+        return f'started: source {run.source}, mode {run.mode}{recording}'
 
     def _stop(self) -> str:
         self._system.stop()

@@ -17,7 +17,8 @@ from sesa2.nodes.qos import LATCHED
 from sesa2.nodes.runtime import run_alone
 from sesa2.nodes.steering import GraphSteering
 from sesa2.viewer.page import Page
-from sesa2.viewer.server import LOOPBACK, address, open_server
+from sesa2.viewer.port import LOOPBACK
+from sesa2.viewer.server import address, open_server
 
 _FRAME_S = 1.0 / 30.0
 _ASK_S = 1.0

@@ -82,6 +82,7 @@ class Form:
         self._fields: list[Field] = []
         self._imu_rows: list[tuple[viser.GuiFolderHandle, Field, Field, Field]] = []
         self.mistakes: tuple[Mistake, ...] = ()
+        self.configuration: Configuration | None = None  # as last checked
         self.changed: Callable[[], None] = lambda: None
 
     def fill_in(self, c: Configuration) -> None:
@@ -142,7 +143,7 @@ class Form:
             self._models_mistake.content = mistake_html([m.message for m in mistakes if m.place == 'models'])
             for field in self._fields:
                 field.show([m for m in mistakes if field.concerns(m)])
-            self.mistakes = mistakes
+            self.mistakes, self.configuration = mistakes, c
             return c
 
     def _change(self) -> None:

@@ -15,12 +15,13 @@ from sesa2.messages.colours import model_colours
 from sesa2.viewer.fields import mistake_html
 from sesa2.viewer.form import Form
 from sesa2.viewer.live import Live
-from sesa2.viewer.readings import calibration_html, rates_html, state_html
+from sesa2.viewer.readings import calibration_html, complaints_html, rates_html, state_html
 from sesa2.viewer.scene import Scene
 from sesa2.viewer.steering import Steering
 from sesa2.viewer.tip_plot import TipPlot
 
 _READINGS_PERIOD_S = 0.5
+_CHANGED = 'changed in the form; Start makes it work, the tab File saves it'
 _PLOT_PERIOD_S = 0.2
 
 
@@ -42,7 +43,7 @@ class Page:
         self._live, self._steering = live, steering
         self._busy = threading.Lock()
         self._readings_due = self._plot_due = 0.0
-        self._file = ''
+        self._in_force: Configuration | None = None
         self._gui.configure_theme(show_logo=False, show_share_button=False, control_width='large')
         self._gui.main_panel.dock_right()
         self.scene = Scene(server)
@@ -59,7 +60,7 @@ class Page:
         with tabs.add_tab('Calibration'):
             self._add_calibration()
         self._form = Form(self._gui, tabs)
-        self._form.changed = self._tell_mistakes
+        self._form.changed = self._form_changed
         with tabs.add_tab('File'):
             self._add_file()
 
@@ -88,11 +89,13 @@ class Page:
 
     def fill_in(self, c: Configuration) -> None:
         """Put a configuration into the form."""
+        self._in_force = c
         self._form.fill_in(c)
         self._tell_mistakes()
 
     def take_alignment(self, c: Configuration) -> None:
         """Put the mountings and headings of a configuration into the form, and leave the rest as it stands there."""
+        self._in_force = c
         self._form.take_alignment(c)
         self._tell_mistakes()
 
@@ -115,6 +118,7 @@ class Page:
     def _draw_readings(self) -> None:
         steerable = self._steering.available
         _set(self._state, 'content', state_html(self._live, steerable))
+        _set(self._complaints, 'content', complaints_html(self._live))
         _set(self._rates, 'content', rates_html(self._live))
         _set(self._calibration, 'content', calibration_html(self._live))
         for buttons in (self._run_buttons, self._record_buttons):
@@ -124,10 +128,16 @@ class Page:
 
     def _add_controls(self) -> None:
         self._state = self._gui.add_html('')
-        self._run_buttons = self._gui.add_button_group('System', ('Start', 'Stop'), visible=False)
+        self._run_buttons = self._gui.add_button_group(
+            'System',
+            ('Start', 'Stop'),
+            visible=False,
+            hint='Start makes what stands in the tabs Run, Arm and IMUs take effect; what runs is stopped first',
+        )
         self._record_buttons = self._gui.add_button_group('Recording', ('Record', 'End'), visible=False)
         self._message = self._gui.add_html('')
         self._form_mistakes = self._gui.add_html('')
+        self._complaints = self._gui.add_html('')
 
         @self._run_buttons.on_click
         def _(_: Any) -> None:
@@ -157,8 +167,12 @@ class Page:
         self._calibration_buttons = {}
         for action, (label, hint) in labels.items():
             button = self._gui.add_button(label, hint=hint, disabled=True)
-            button.on_click(lambda _, action=action: self._do(lambda: self._steering.act(action)))
+            button.on_click(lambda _, action=action: self._do(lambda: self._calibrate(action)))
             self._calibration_buttons[action] = button
+
+    def _calibrate(self, action: str) -> str:
+        told = self._steering.act(action)
+        return f'{told}; the form has it, the tab File saves it' if action.startswith('align') else told
 
     def _add_file(self) -> None:
         path = self._gui.add_text('file', '', hint='on the computer that sesa2 runs on; or a shipped name')
@@ -193,14 +207,19 @@ class Page:
         return c
 
     def _load(self, name: str) -> str:
-        c = files.load(files.find(name.strip()))
-        self.fill_in(c)
+        if not name.strip():
+            raise Sesa2Error('no file is named, expected a path or the name of a shipped configuration')
+        self._form.fill_in(files.load(files.find(name.strip())))
+        self._tell_mistakes()
         return f'{name} is in the form; Start makes it work'
 
     def _save(self, name: str, overwrite: bool) -> str:
         if not name.strip():
             raise Sesa2Error('no file is named, expected a path to save to')
-        path, text = Path(name.strip()).expanduser(), files.dump(self._checked())
+        path = Path(name.strip()).expanduser()
+        if path.suffix not in ('.yaml', '.yml'):
+            raise Sesa2Error(f'{path}: expected a file name that ends in .yaml')
+        text = files.dump(self._checked())
         try:
             with path.open('w' if overwrite else 'x', encoding='utf-8') as file:
                 file.write(text)
@@ -209,6 +228,12 @@ class Page:
         except OSError as error:
             raise Sesa2Error(f'{path} cannot be written: {error.strerror}') from None
         return f'saved in {path.resolve()}'
+
+    def _form_changed(self) -> None:
+        self._tell_mistakes()
+        # What was said of the form before no longer holds.
+        if not self._busy.locked() and self._form.configuration != self._in_force:
+            self._tell(_CHANGED if self._steering.available else '')
 
     def _mistakes(self) -> str:
         return '\n'.join(f'{m.place}: {m.message}' for m in self._form.mistakes)

@@ -11,7 +11,7 @@ _AT_MOST = 6
 
 
 def state_html(live: Live, steerable: bool) -> str:
-    """What the system does, in one line, and what its nodes complain about."""
+    """What the system does, in two lines that keep their height."""
     estimator, bridge, player = (live.heard(node) for node in ('estimator', 'serial_bridge', 'player'))
     recorder = live.heard('recorder')
     if estimator:
@@ -35,18 +35,18 @@ def state_html(live: Live, steerable: bool) -> str:
             int(n) for key, n in link.values.items() if key.startswith('frame_errors_') and n.isdigit()
         )
         facts.append(f'{damaged} damaged')
-    head = f'<b style="color:{colour}">● {state}</b> {" · ".join(map(escape, facts))}'
+    second = ' · '.join(map(escape, facts)) or '&nbsp;'
     if not steerable:
-        head += (
-            f'<div style="color:{_GREY}">View only: no <code>sesa2 run</code> is here to be steered.</div>'
-        )
-    return _block(head + _complaints(live))
+        second += '<br>View only: no <code>sesa2 run</code> is here to be steered.'
+    return _block(f'<b style="color:{colour}">● {state}</b><div style="color:{_GREY}">{second}</div>')
 
 
-def _complaints(live: Live) -> str:
+def complaints_html(live: Live) -> str:
+    """What the nodes complain about; what several parts of a node say alike is said once."""
     nodes = ('system', 'estimator', 'serial_bridge', 'calibration', 'recorder', 'player')
-    found = [
-        (d.level, f'{node}: {part}', d.message)
+    found: dict[tuple[int, str, str], list[str]] = {}
+    said = (
+        (node, part, d)
         for node in nodes
         for part, d in live.heard(node).items()
         # That a sensor is not calibrated yet is said by its bars.
@@ -54,15 +54,21 @@ def _complaints(live: Live) -> str:
         and not (node == 'calibration' and part.startswith('imu_'))
         # That nothing runs is said by the state.
         and not (node == 'system' and d.level < 2)
-    ]
-    found.sort(key=lambda item: -item[0])
+    )
+    for node, part, d in said:
+        found.setdefault((d.level, node, d.message), []).append(part)
+    worst = sorted(found.items(), key=lambda item: -item[0][0])
     lines = [
-        f'<div style="color:{_LEVELS.get(level, _RED)}">{escape(who)}: {escape(message)}</div>'
-        for level, who, message in found[:_AT_MOST]
+        f'<div style="color:{_LEVELS.get(level, _RED)}">{escape(f"{node}: {_parts(parts)}: {message}")}</div>'
+        for (level, node, message), parts in worst[:_AT_MOST]
     ]
-    if len(found) > _AT_MOST:
-        lines.append(f'<div>and {len(found) - _AT_MOST} more on /diagnostics</div>')
-    return ''.join(lines)
+    if len(worst) > _AT_MOST:
+        lines.append(f'<div>and {len(worst) - _AT_MOST} more on /diagnostics</div>')
+    return _block(''.join(lines)) if lines else ''
+
+
+def _parts(parts: list[str]) -> str:
+    return parts[0] if len(parts) == 1 else f'{len(parts)} parts, {parts[0]} to {parts[-1]}'
 
 
 def rates_html(live: Live) -> str:

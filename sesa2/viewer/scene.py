@@ -46,6 +46,8 @@ class Scene:
         """
         before, self._configuration = self._configuration, c
         self.shown = {name: self.shown.get(name, True) for name in c.models}
+        if not any(self.shown.values()):  # somebody hid the only model that is left
+            self.shown = dict.fromkeys(c.models, True)
         self._tubes: dict[str, viser.MeshHandle] = {}
         self._drawn: set[str] = set()
         self._ghost: viser.MeshHandle | None = None

@@ -19,8 +19,7 @@ from websockets import Headers
 from websockets.http11 import Request, Response
 
 from sesa2.errors import Sesa2Error
-
-LOOPBACK = '127.0.0.1'
+from sesa2.viewer.port import LOOPBACK, check_port
 
 
 class PageServer(viser.ViserServer):
@@ -51,16 +50,7 @@ def open_server(host: str = LOOPBACK, port: int = 8080) -> PageServer:
     Sesa2Error
         the address is not this machine's, or the port is taken; viser itself would silently take the next one.
     """
-    try:
-        family, *_, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
-        with socket.socket(family, socket.SOCK_STREAM) as probe:
-            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-            probe.bind(address)
-    except (OSError, OverflowError) as error:
-        reason = getattr(error, 'strerror', None) or str(error)
-        raise Sesa2Error(
-            f'the page cannot listen on {host}, port {port}: {reason}; choose another port, or end what uses this one'
-        ) from None
+    check_port(host, port)
     # viser announces itself in a box; our own line says the address.
     with _only_own_pages(host), contextlib.redirect_stdout(io.StringIO()):
         server = PageServer(host=host, port=port, label='sesa2', verbose=False)

@@ -93,8 +93,20 @@ def test_save_takes_what_was_read_last_complete_or_not(graph, node, say, file):
     graph.until(lambda: 5 in node.steps, 'heard')
     response = graph.call(Trigger, 'calibration/save', Trigger.Request())
     assert response.success
-    assert response.message == f'saved IMUs 5 in {file}; not read yet: 2'
+    assert response.message == f'saved IMUs 5 in {file}; not calibrated to the end: 5; not read yet: 2'
     assert load_offsets(file, (2, 5)) == ({5: NEW}, (2,))
+
+
+def test_what_was_said_before_it_started_is_not_saved(graph, configured, file):
+    publisher = graph.probe.create_publisher(ImuCalibration, 'imu_2/calibration', LATCHED)
+    publisher.publish(ImuCalibration(id=2, sys=3, gyro=3, accel=3, mag=3, offsets_valid=True))
+    node = graph.add(CalibrationNode(parameter_overrides=configured(values(file))))
+    graph.matched('imu_2/calibration')
+    publisher.publish(ImuCalibration(id=2))
+    graph.until(lambda: 2 in node.steps, 'heard')
+    assert 'still' in node.steps[2]
+    assert not node.saved
+    assert not file.exists()
 
 
 def test_the_next_step_is_told(graph, node, say):

@@ -24,7 +24,8 @@ def test_without_its_page_it_does_not_go_on(tmp_path):
         taken.listen()
         port = taken.getsockname()[1]
         with command(tmp_path, *RUN, port) as program:
-            assert failed_clearly(program, f'port {port}', 'in use', 'the page could not be shown')
+            assert failed_clearly(program, f'port {port}', 'in use')
+            assert 'Hz' not in program.output  # nothing was started
 
 
 def test_a_lost_page_stops_nothing(tmp_path):

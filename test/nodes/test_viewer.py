@@ -285,6 +285,27 @@ def test_offsets_are_read_and_saved(system, shown, tmp_path):
     assert set(load_offsets(file, (1, 2)).offsets) == {1, 2}
 
 
+def test_a_configuration_is_saved_and_loaded(system, shown, tmp_path):
+    shown.go_to('Arm')
+    shown.field('radius [m]').fill('0.02')
+    shown.page.get_by_text('changed in the form').wait_for()
+    shown.go_to('File')
+    for name, told in (
+        ('prototype3_8', 'expected a file name that ends in .yaml'),
+        (tmp_path / 'mine.yaml', f'saved in {tmp_path / "mine.yaml"}'),
+        (tmp_path / 'mine.yaml', 'tick overwrite'),
+    ):
+        shown.field('file').fill(str(name))
+        shown.press('Save')
+        shown.page.get_by_text(told).wait_for()
+    assert files.load(tmp_path / 'mine.yaml').arm.radius == 0.02
+    shown.field('file').fill('prototype3_4')
+    shown.press('Load')
+    shown.page.get_by_text('prototype3_4 is in the form').wait_for()
+    shown.go_to('Arm')
+    shown.until(lambda: shown.field('length [m]').input_value() == '0.66', 'the loaded length')
+
+
 def test_a_truth_is_a_ghost_as_long_as_it_is_told(system, shown):
     shown.until(lambda: shown.where(orange)[2] > 300, 'the arm')
     shown.page.wait_for_timeout(1000)

@@ -5,7 +5,7 @@ import time
 from sesa2.configuration import validate
 from sesa2.imu.scores import Scores
 from sesa2.viewer.live import Diagnostic, Live
-from sesa2.viewer.readings import calibration_html, rates_html, state_html
+from sesa2.viewer.readings import calibration_html, complaints_html, rates_html, state_html
 
 CONFIGURATION = validate({'arm': {'length': 0.3}, 'imus': {'ids': [2, 5], 'positions': [0.1, 0.3]}})
 
@@ -43,16 +43,23 @@ def test_what_was_said_long_ago_does_not_count():
 
 
 def test_complaints_are_shown_worst_first_and_as_text():
-    text = state_html(
-        live(estimator__imu_2=(1, 'nothing <b>measured</b>', {}), serial_bridge__link=(2, 'no board', {})),
-        True,
+    text = complaints_html(
+        live(
+            estimator__imu_2=(1, 'nothing <b>measured</b>', {}),
+            estimator__imu_5=(1, 'nothing <b>measured</b>', {}),
+            serial_bridge__link=(2, 'no board', {}),
+        )
     )
     assert text.index('no board') < text.index('nothing &lt;b&gt;measured')
+    assert text.count('measured') == 1
+    assert '2 parts, imu_2 to imu_5' in text
 
 
 def test_a_system_that_could_not_start_says_why_and_one_that_stopped_is_just_stopped():
-    assert 'no such port' in state_html(live(system__run=(2, 'no such port', {})), True)
-    assert state_html(live(system__run=(1, 'stopped', {})), True).count('stopped') == 1
+    assert 'no such port' in complaints_html(live(system__run=(2, 'no such port', {})))
+    stopped = live(system__run=(1, 'stopped', {}))
+    assert state_html(stopped, True).count('stopped') == 1
+    assert complaints_html(stopped) == ''
 
 
 def test_a_missing_imu_is_told_from_one_that_is_off():
