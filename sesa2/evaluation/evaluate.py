@@ -118,7 +118,9 @@ def evaluate(
     arc_lengths = {name: float(s) for name, s in arc_lengths.items()}
     names = tuple(arc_lengths)
     estimates = {model: _complete(model, trajectory.select(names)) for model, trajectory in estimates.items()}
-    screened = screen(truth.select(names), next(iter(estimates.values())), max(arc_lengths.values()))
+    screened = screen(
+        truth.select(names), next(iter(estimates.values())), max(arc_lengths.values()), time_offset
+    )
     truth = screened.truth
 
     time_offset_from = registration_from = None
@@ -254,20 +256,21 @@ def _truth_warnings(screened: Screened) -> list[str]:
     warnings = []
     if screened.scale != 1.0:
         warnings.append('The truth is in millimetres; it was converted to metres.')
-    exchanged = {name: n for name, n in screened.exchanged.items() if n}
-    if exchanged:
-        warnings.append(
-            'Markers had changed places in the truth; left out: '
-            + ', '.join(f'{n} samples of {name}' for name, n in exchanged.items())
-            + '.'
-        )
-    jumped = {name: n for name, n in screened.jumped.items() if n}
-    if jumped:
-        warnings.append(
-            'Markers jumped in the truth; left out: '
-            + ', '.join(f'{n} samples of {name}' for name, n in jumped.items())
-            + '.'
-        )
+    for what, counts in (
+        ('Markers had changed places in the truth; left out', screened.exchanged),
+        (
+            'Markers changed places in the truth, and which was which cannot be told; left out',
+            screened.untold,
+        ),
+        ('Markers jumped in the truth; left out', screened.jumped),
+    ):
+        left_out = ', '.join(f'{n} samples of {name}' for name, n in counts.items() if n)
+        if left_out:
+            warnings.append(f'{what}: {left_out}.')
+    warnings.extend(
+        f'{a} and {b} seem to be exchanged in all of the truth: with their names exchanged it fits much better.'
+        for a, b in screened.exchanged_throughout
+    )
     return warnings
 
 

@@ -220,6 +220,7 @@ def _left_out(evaluation: Evaluation) -> str:
         f'{n} samples of {name} {why}'
         for why, counts in (
             ('exchanged with another marker', screened.exchanged),
+            ('of which it cannot be told whether they were exchanged', screened.untold),
             ('that jumped', screened.jumped),
         )
         for name, n in counts.items()
