@@ -99,7 +99,8 @@ def _offset(text: str) -> float | None:
 
 def _labels(paths: Sequence[Path]) -> list[str]:
     """The name of each bag, with as many of the directories it is in as tell it from the others."""
-    parts = [path.resolve().parts for path in paths]
+    # A link keeps the name that was given; `.` and `..` are none.
+    parts = [(path.resolve() if path.name in ('', '..') else path.absolute()).parts for path in paths]
     labels = []
     for path, own in zip(paths, parts, strict=True):
         if parts.count(own) > 1:
