@@ -261,6 +261,7 @@ def _truth_warnings(screened: Screened) -> list[str]:
     if screened.scale != 1.0:
         warnings.append('The truth is in millimetres; it was converted to metres.')
     for what, counts in (
+        ('Markers were held at their last position in the truth; left out', screened.held),
         ('Markers had changed places in the truth; left out', screened.exchanged),
         (
             'Markers changed places in the truth, and which was which cannot be told; left out',

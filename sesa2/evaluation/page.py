@@ -219,6 +219,7 @@ def _left_out(evaluation: Evaluation) -> str:
     parts = [
         f'{n} samples of {name} {why}'
         for why, counts in (
+            ('held at its last position', screened.held),
             ('exchanged with another marker', screened.exchanged),
             ('of which it cannot be told whether they were exchanged', screened.untold),
             ('that jumped', screened.jumped),

@@ -1,9 +1,9 @@
-"""What is wrong with a motion capture recording by itself: its unit, exchanged markers, jumps.
+"""What is wrong with a motion capture recording by itself: its unit, held positions, exchanged markers, jumps.
 
-Jumps are found from the truth's own continuity, never from its distance to the estimate: leaving out the samples that
-an estimate misses would flatter it. So are exchanges; but continuity tells only that markers changed places, not which
-side of the change is the right one. That, the estimate is asked, for a whole stretch at once and for nothing but the
-direction from marker to marker: to be misled, it would have to point the other way.
+Held positions and jumps are found from the truth's own continuity, never from its distance to the estimate: leaving
+out the samples that an estimate misses would flatter it. So are exchanges; but continuity tells only that markers
+changed places, not which side of the change is the right one. That, the estimate is asked, for a whole stretch at once
+and for nothing but the way from marker to marker: to mislead, it would have to point to the other side.
 """
 
 from collections.abc import Mapping
@@ -20,6 +20,11 @@ from sesa2.shape.rotations import FloatArray, rotate
 MILLIMETRE = 1e-3
 # The two spreads differ by the estimate's error and by what each recording saw, never by so much.
 SPREAD_TOLERANCE = 4.0
+
+# A recording that goes on with the last position when it loses a marker. No marker that is measured stands still to the
+# last digit for so long while another one moves so far.
+HELD_FOR = 0.5  # s
+HELD_WHILE = 0.05  # m
 
 FASTEST = 2.0  # m/s, three times the top speed in the thesis (figure 4.20)
 FASTEST_RATIO = 6.0  # of this trial's own 95th percentile, if that is more
@@ -39,6 +44,8 @@ class Screened:
         in metres; what was left out is NaN.
     scale
         what the file's numbers were multiplied by: 1, or 0.001 for millimetres.
+    held
+        samples that repeat a marker's last position while another marker moved, by marker.
     exchanged
         samples in which two markers had each other's place, by marker.
     untold
@@ -52,6 +59,7 @@ class Screened:
 
     truth: Trajectory
     scale: float = 1.0
+    held: Mapping[str, int] = field(default_factory=dict)
     exchanged: Mapping[str, int] = field(default_factory=dict)
     untold: Mapping[str, int] = field(default_factory=dict)
     jumped: Mapping[str, int] = field(default_factory=dict)
@@ -84,6 +92,8 @@ def screen(
     """
     scale = _scale(truth, estimate, arc_length)
     positions = truth.positions * scale
+    held = _held(truth.times, positions)
+    positions = np.where(held[..., None], np.nan, positions)
     in_metres = Trajectory(truth.times, positions, truth.names)
 
     exchanged, untold, throughout = _exchanged(in_metres, _turned(estimate, in_metres, time_offset))
@@ -95,13 +105,15 @@ def screen(
     def counts(left_out: np.ndarray) -> dict[str, int]:
         return dict(zip(truth.names, left_out.sum(axis=0).tolist(), strict=True))
 
-    out = Screened(cleaned, scale, counts(exchanged), counts(untold), counts(jumped), throughout)
+    out = Screened(
+        cleaned, scale, counts(held), counts(exchanged), counts(untold), counts(jumped), throughout
+    )
     for name, before, after in zip(truth.names, truth.seen.T, cleaned.seen.T, strict=True):
         if not after.any():
             raise EvaluationError(
-                f'truth: nothing of {name} can be used; it was seen in {before.sum()} samples: {out.exchanged[name]} '
-                f'exchanged with another marker, {out.untold[name]} where that cannot be told, {out.jumped[name]} that '
-                f'jumped'
+                f'truth: nothing of {name} can be used; it was seen in {before.sum()} samples: {out.held[name]} '
+                f'that repeat its last position, {out.exchanged[name]} exchanged with another marker, '
+                f'{out.untold[name]} where that cannot be told, {out.jumped[name]} that jumped'
             )
     return out
 
@@ -126,6 +138,20 @@ def _scale(truth: Trajectory, estimate: Trajectory, arc_length: float) -> float:
         f'farthest marker is {arc_length:.4g} m from the base. Nor is it in millimetres: the estimated markers are '
         f'{expected:.4g} m from their middle'
     )
+
+
+def _held(times: FloatArray, positions: FloatArray) -> np.ndarray:
+    """Samples that repeat their marker's last position, to the last digit, while another marker moves, (n, m), bool."""
+    out = np.zeros(positions.shape[:2], dtype=bool)
+    for m in range(positions.shape[1]):
+        moves = np.flatnonzero((np.diff(positions[:, m], axis=0) != 0.0).any(axis=1)) + 1
+        starts, ends = np.append(0, moves), np.append(moves, len(times))
+        long = times[ends - 1] - times[starts] > HELD_FOR
+        for start, end in zip(starts[long], ends[long], strict=True):
+            others = np.delete(positions[start:end], m, axis=1)
+            moved = np.linalg.norm(others - others[0], axis=2)
+            out[start + 1 : end, m] = (moved > HELD_WHILE).any()
+    return out
 
 
 def _turned(estimate: Trajectory, truth: Trajectory, time_offset: float | None) -> FloatArray | None:

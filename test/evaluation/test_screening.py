@@ -19,7 +19,7 @@ def test_a_clean_truth_is_left_alone(truth, motion):
     got = screen(truth, motion.record(31.0), 0.6)
     np.testing.assert_array_equal(got.truth.positions, truth.positions)
     assert got.scale == 1.0
-    assert got.exchanged == got.jumped == {'M1': 0, 'M2': 0}
+    assert got.held == got.exchanged == got.untold == got.jumped == {'M1': 0, 'M2': 0}
 
 
 def test_the_simulated_trial_is_left_alone(twin):
@@ -129,6 +129,23 @@ def test_jumps_are_left_out_exactly(truth, motion):
     got = screen(changed(truth, p), motion.record(31.0), 0.6)
     np.testing.assert_array_equal(got.truth.seen, ~wrong)
     assert got.jumped == {'M1': 2, 'M2': 23}
+
+
+def test_a_position_that_is_held_is_not_a_measurement(truth, motion):
+    p = truth.positions.copy()
+    p[2000:3000, 1] = p[2000, 1]
+    got = screen(changed(truth, p), motion.record(31.0), 0.6)
+    assert got.held == {'M1': 0, 'M2': 999}
+    assert got.jumped == {'M1': 0, 'M2': 0}
+    assert not got.truth.seen[2001:3000, 1].any()
+    assert got.truth.seen.sum() == 2 * len(p) - 999
+
+
+def test_an_arm_at_rest_is_not_held(truth, motion):
+    p = truth.positions.copy()
+    p[2000:3000] = p[2000]  # in a simulation without noise
+    p[3000:] -= p[3000] - p[2000]
+    assert screen(changed(truth, p), motion.record(31.0), 0.6).held == {'M1': 0, 'M2': 0}
 
 
 def test_one_marker_in_the_place_of_the_other_that_is_hidden(truth, motion):
