@@ -2,8 +2,11 @@
 
 import argparse
 import json
+import sys
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -14,6 +17,9 @@ from sesa2.errors import Sesa2Error
 from sesa2.evaluation.evaluate import Evaluation, evaluate
 from sesa2.evaluation.trajectory import Trajectory
 from sesa2.evaluation.truth import read_csv
+from sesa2.shape.rotations import conjugate, rotate
+
+IN_MS = 10.0  # s; a larger offset is one between two clocks, and printed in s
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -46,22 +52,25 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Evaluate each estimate, print the errors, write the report."""
+    labels = _labels(options.estimates)
     evaluated = []
-    for path in options.estimates:
-        c, estimates, backbone = _read_estimate(path, options.models)
-        truth, left_out = _read_truth(options.truth, options.truth_topic, c.markers.names)
-        warn(left_out)
+    for label, path in zip(labels, options.estimates, strict=True):
+        estimate = _read_estimate(path, options.models)
+        c = estimate.configuration
+        truth, frame, left_out = _read_truth(options.truth, options.truth_topic, c.markers.names)
+        truth, about_frames = _in_one_frame(truth, frame, estimate, options.register)
         arc_lengths = dict(zip(c.markers.names, c.markers.positions, strict=True))
         evaluation = evaluate(
-            estimates,
+            estimate.models,
             truth,
-            arc_lengths,
+            {name: arc_lengths[name] for name in truth.names},
             register=options.register,
             fit_fraction=options.fit_fraction,
             time_offset=options.time_offset,
         )
-        warn(evaluation.warnings)
-        evaluated.append((path.name, evaluation, backbone))
+        evaluation = replace(evaluation, warnings=(*left_out, *about_frames, *evaluation.warnings))
+        warn([f'{label}: {w}' if len(labels) > 1 else w for w in evaluation.warnings])
+        evaluated.append((label, evaluation, estimate.pose))
     if options.json:
         figures = {label: evaluation.to_json() for label, evaluation, _ in evaluated}
         print(json.dumps(figures[evaluated[0][0]] if len(evaluated) == 1 else figures, indent=2))
@@ -74,18 +83,55 @@ def run(options: argparse.Namespace) -> int:
         from sesa2.evaluation.report import write_report
 
         trials = [Trial(label, evaluation, Backbone(*pose)) for label, evaluation, pose in evaluated]
-        print(f'report: {write_report(options.report, trials)}')
+        written = write_report(options.report, trials)
+        print(f'report: {written}', file=sys.stderr if options.json else sys.stdout)
     return 0
 
 
 def _offset(text: str) -> float | None:
-    return None if text == 'auto' else float(text)
+    if text == 'auto':
+        return None
+    try:
+        return float(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f'got {text!r}, expected auto or a number of seconds') from None
 
 
-def _read_estimate(
-    path: Path, models: Sequence[str] | None
-) -> tuple[Configuration, dict[str, Trajectory], tuple[np.ndarray, np.ndarray]]:
-    """Configuration, marker trajectories by model, and a pose: arc lengths and positions of a bent backbone."""
+def _labels(paths: Sequence[Path]) -> list[str]:
+    """The name of each bag, with as many of the directories it is in as tell it from the others."""
+    # A link keeps the name that was given; `.` and `..` are none.
+    parts = [(path.resolve() if path.name in ('', '..') else path.absolute()).parts for path in paths]
+    labels = []
+    for path, own in zip(paths, parts, strict=True):
+        if parts.count(own) > 1:
+            raise Sesa2Error(f'{path}: given {parts.count(own)} times, expected each bag once')
+        n = next(n for n in range(1, len(own) + 1) if sum(p[-n:] == own[-n:] for p in parts) == 1)
+        labels.append(str(Path(*own[-n:])))
+    return labels
+
+
+class _Estimate(NamedTuple):
+    """What is in a bag of estimates.
+
+    Attributes
+    ----------
+    configuration
+        that was in force.
+    models
+        marker trajectories by model.
+    frame
+        in which they are.
+    pose
+        of a bent backbone: arc lengths and positions.
+    """
+
+    configuration: Configuration
+    models: dict[str, Trajectory]
+    frame: str
+    pose: tuple[np.ndarray, np.ndarray]
+
+
+def _read_estimate(path: Path, models: Sequence[str] | None) -> _Estimate:
     from sesa2.bags.reading import read_configuration, read_path, read_poses
     from sesa2.shape.models import create_model
 
@@ -105,12 +151,14 @@ def _read_estimate(
     model = create_model(chosen[-1], c.geometry, **c.model_options(chosen[-1]))
     reach = np.linalg.norm(poses.positions[:, -1], axis=-1)
     pose = read_path(path, f'{chosen[-1]}/shape', int(np.argsort(reach)[len(reach) // 2]))
-    return c, estimates, (model.link_ends, pose)
+    return _Estimate(c, estimates, poses.frame, (model.link_ends, pose))
 
 
-def _read_truth(path: Path, topic: str, markers: Sequence[str]) -> tuple[Trajectory, tuple[str, ...]]:
-    if path.suffix == '.csv':
-        return read_csv(path, markers)
+def _read_truth(path: Path, topic: str, markers: Sequence[str]) -> tuple[Trajectory, str, tuple[str, ...]]:
+    """Truth, its frame (empty where it is not known), and what was left out."""
+    if path.suffix.lower() == '.csv':
+        truth, left_out = read_csv(path, markers)
+        return truth, '', left_out
     from sesa2.bags.reading import read_poses
 
     poses = read_poses(path, topic)
@@ -119,7 +167,27 @@ def _read_truth(path: Path, topic: str, markers: Sequence[str]) -> tuple[Traject
             f'{path}: {topic} has {poses.positions.shape[1]} poses, expected {len(markers)}: {", ".join(markers)}'
         )
     times, positions = _increasing(poses.times_s, poses.positions)
-    return Trajectory(times, positions, tuple(markers)), ()
+    return Trajectory(times, positions, tuple(markers)), poses.frame, ()
+
+
+def _in_one_frame(
+    truth: Trajectory, frame: str, estimate: _Estimate, register: str
+) -> tuple[Trajectory, tuple[str, ...]]:
+    """The truth in the estimate's frame where the way there is known, and what a reader has to know about it."""
+    c = estimate.configuration
+    if not frame or not estimate.frame or frame == estimate.frame:
+        return truth, ()
+    if {frame, estimate.frame} == {'world', 'base_link'} and not c.imus.base_id:
+        q = c.base if frame == 'base_link' else conjugate(c.base)  # both have their origin at the clamp
+        if abs(q[3]) == 1.0:
+            return truth, ()
+        done = "the truth was turned by arm.base_orientation of the estimate's configuration"
+        truth = Trajectory(truth.times, rotate(q, truth.positions), truth.names)
+    elif register == 'rigid':
+        return truth, ()
+    else:
+        done = 'the way from one to the other is not known; --register rigid fits it'
+    return truth, (f'The truth is in frame {frame}, the estimate in {estimate.frame}: {done}.',)
 
 
 def _increasing(times: np.ndarray, positions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -130,7 +198,9 @@ def _increasing(times: np.ndarray, positions: np.ndarray) -> tuple[np.ndarray, n
 
 def _lines(label: str, evaluation: Evaluation) -> list[str]:
     offset, registration = evaluation.time_offset, evaluation.registration
-    lines = [f'{label}: time offset {1e3 * offset.seconds:+.1f} ms, registration {registration.kind}']
+    s = offset.seconds
+    shift = f'{1e3 * s:+.1f} ms' if abs(s) < IN_MS else f'{s:+.4f} s'
+    lines = [f'{label}: time offset {shift}, registration {registration.kind}']
     rows = [
         (
             model,
@@ -140,6 +210,8 @@ def _lines(label: str, evaluation: Evaluation) -> list[str]:
             f'{e.rmse_mm:.1f}',
             e.n,
         )
+        if e.n
+        else (model, marker, '–', '–', '–', 0)
         for model, errors in evaluation.models.items()
         for marker, e in errors.items()
     ]

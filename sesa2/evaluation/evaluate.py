@@ -15,6 +15,9 @@ from sesa2.evaluation.trajectory import EvaluationError, Trajectory
 from sesa2.shape.rotations import FloatArray
 
 DOUBTFUL_CORRELATION = 0.9
+LARGE_PCT = 15.0  # median error at every marker; more than models that fit the arm leave
+RIGID_LEAVES = 1.0 / 3.0  # of it, if the frames were what was wrong
+FEW = 30  # samples; with fewer, quartiles are chance
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,7 +121,9 @@ def evaluate(
     arc_lengths = {name: float(s) for name, s in arc_lengths.items()}
     names = tuple(arc_lengths)
     estimates = {model: _complete(model, trajectory.select(names)) for model, trajectory in estimates.items()}
-    screened = screen(truth.select(names), next(iter(estimates.values())), max(arc_lengths.values()))
+    screened = screen(
+        truth.select(names), next(iter(estimates.values())), max(arc_lengths.values()), time_offset
+    )
     truth = screened.truth
 
     time_offset_from = registration_from = None
@@ -159,6 +164,7 @@ def evaluate(
     warnings = (
         *_offset_warnings(offset),
         *_truth_warnings(screened),
+        *_frame_warnings(offset, registration, matched, truth, models),
         *_coverage_warnings(models, truth, scored),
     )
     return Evaluation(models, offset, registration, time_offset_from, registration_from, screened, warnings)
@@ -187,7 +193,7 @@ def _complete(model: str, trajectory: Trajectory) -> Trajectory:
         i, m = unseen[0]
         raise EvaluationError(
             f'{model}: {len(unseen)} estimated marker positions are NaN, the first {trajectory.names[m]} '
-            f'at {trajectory.times[i]:.3f} s'
+            f'{trajectory.times[i] - trajectory.times[0]:.3f} s after the start'
         )
     return trajectory
 
@@ -244,8 +250,8 @@ def _offset_warnings(offset: TimeOffset) -> list[str]:
         )
     if offset.rival is not None:
         warnings.append(
-            f'The motion repeats itself: a time offset of {offset.rival:+.3f} s fits almost as well as '
-            f'{offset.seconds:+.3f} s.'
+            f'The motion repeats itself: a time offset {offset.rival - offset.seconds:+.3f} s from the one that was '
+            f'found fits almost as well.'
         )
     return warnings
 
@@ -254,21 +260,53 @@ def _truth_warnings(screened: Screened) -> list[str]:
     warnings = []
     if screened.scale != 1.0:
         warnings.append('The truth is in millimetres; it was converted to metres.')
-    exchanged = {name: n for name, n in screened.exchanged.items() if n}
-    if exchanged:
-        warnings.append(
-            'Markers had changed places in the truth; left out: '
-            + ', '.join(f'{n} samples of {name}' for name, n in exchanged.items())
-            + '.'
-        )
-    jumped = {name: n for name, n in screened.jumped.items() if n}
-    if jumped:
-        warnings.append(
-            'Markers jumped in the truth; left out: '
-            + ', '.join(f'{n} samples of {name}' for name, n in jumped.items())
-            + '.'
-        )
+    for what, counts in (
+        ('Markers were held at their last position in the truth; left out', screened.held),
+        ('Markers had changed places in the truth; left out', screened.exchanged),
+        (
+            'Markers changed places in the truth, and which was which cannot be told; left out',
+            screened.untold,
+        ),
+        ('Markers jumped in the truth; left out', screened.jumped),
+    ):
+        left_out = ', '.join(f'{n} samples of {name}' for name, n in counts.items() if n)
+        if left_out:
+            warnings.append(f'{what}: {left_out}.')
+    warnings.extend(
+        f'{a} and {b} seem to be exchanged in all of the truth: with their names exchanged it fits much better.'
+        for a, b in screened.exchanged_throughout
+    )
     return warnings
+
+
+def _frame_warnings(
+    offset: TimeOffset,
+    registration: Registration,
+    matched: Mapping[str, FloatArray],
+    truth: Trajectory,
+    models: Mapping[str, Mapping[str, MarkerError]],
+) -> list[str]:
+    """Say so where a rotation that was not fitted would take away most of large errors."""
+    doubtful = offset.correlation is not None and offset.correlation < DOUBTFUL_CORRELATION
+    small = any(e.median_pct <= LARGE_PCT for errors in models.values() for e in errors.values())
+    if registration.kind == 'rigid' or doubtful or small:
+        return []
+    try:
+        everything = np.ones(len(truth.times), dtype=bool)
+        rigid, model = _shared_registration('rigid', matched, truth, everything)
+    except EvaluationError:  # no rotation can be told from these
+        return []
+    now, then = (
+        float(np.nanmedian(np.linalg.norm(r.apply(matched[model]) - truth.positions, axis=2)))
+        for r in (registration, rigid)
+    )
+    if then > RIGID_LEAVES * now:
+        return []
+    warning = (
+        f'The frames of estimate and truth seem to differ: with --register rigid the median error would be '
+        f'{1e3 * then:.1f} mm instead of {1e3 * now:.1f} mm.'
+    )
+    return [warning]
 
 
 def _coverage_warnings(
@@ -288,6 +326,11 @@ def _coverage_warnings(
             if not len(at):
                 warnings.append(f'{model} has nothing to score at {name}.')
                 continue
+            if len(at) < FEW:
+                warnings.append(
+                    f'Only {len(at)} samples of {name} are scored with {model}, expected at least {FEW}: '
+                    f'its figures are chance.'
+                )
             missing = int(((seen_at >= at[0]) & (seen_at <= at[-1])).sum()) - len(at)
             if missing:
                 warnings.append(

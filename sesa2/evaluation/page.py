@@ -186,8 +186,8 @@ def _removed(trials: Sequence[Trial]) -> str:
         f'<div class="scroll"><table>{"".join(rows)}</table></div>'
         f'{listed}'
         '<p class="note">Truth time = estimate time + offset; p<sub>truth</sub> = R p<sub>estimate</sub> + t. '
-        'Offset and registration are shared by all models of a trial, and each is taken from the model that agrees '
-        'best.</p>'
+        'Times are from the beginning of the truth. Offset and registration are shared by all models of a trial, and '
+        'each is taken from the model that agrees best.</p>'
     )
 
 
@@ -206,7 +206,7 @@ def _registration(evaluation: Evaluation) -> str:
     if registration.fitted_on is None:
         return 'none: the frames were taken to be the same'
     x, y, z = 1e3 * registration.translation
-    start, end = registration.fitted_on
+    start, end = np.subtract(registration.fitted_on, evaluation.screened.truth.times[0])
     turn = f'rotation by {np.degrees(registration.angle):.2f}°, ' if registration.kind == 'rigid' else ''
     return (
         f'{registration.kind}: {turn}translation {x:+.1f}, {y:+.1f}, {z:+.1f} mm; fitted with '
@@ -219,7 +219,9 @@ def _left_out(evaluation: Evaluation) -> str:
     parts = [
         f'{n} samples of {name} {why}'
         for why, counts in (
+            ('held at its last position', screened.held),
             ('exchanged with another marker', screened.exchanged),
+            ('of which it cannot be told whether they were exchanged', screened.untold),
             ('that jumped', screened.jumped),
         )
         for name, n in counts.items()
@@ -232,5 +234,6 @@ def _left_out(evaluation: Evaluation) -> str:
 
 def _scored(evaluation: Evaluation) -> str:
     times = [e.times[[0, -1]] for errors in evaluation.models.values() for e in errors.values() if e.n]
-    start, end = min(t[0] for t in times), max(t[1] for t in times)
+    began = evaluation.screened.truth.times[0]
+    start, end = min(t[0] for t in times) - began, max(t[1] for t in times) - began
     return f'{start:.2f} to {end:.2f} s of the truth ({end - start:.1f} s)'

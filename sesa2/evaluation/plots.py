@@ -51,6 +51,8 @@ class Series:
         which plot it belongs to, for the box plots.
     errors
         by marker.
+    number
+        its colour and its place beside the others, the same in all figures.
     fitted_on
         truth times that were fitted and not scored, s.
     backbone
@@ -60,6 +62,7 @@ class Series:
     name: str
     panel: str
     errors: dict[str, MarkerError]
+    number: int = 0
     fitted_on: tuple[float, float] | None = None
     backbone: Backbone | None = None
 
@@ -146,20 +149,20 @@ def error_along_the_arm(series: Sequence[Series]) -> 'Figure':
     figure = _figure(9.0, 3.4)
     axes = figure.subplots(1, 2)
     for ax, per_metre, unit in ((axes[0], _mm, 'error (mm)'), (axes[1], _pct, 'error (% of arc length)')):
-        for i, s in enumerate(series):
+        for s in series:
             scored = sorted((e for e in s.errors.values() if e.n), key=lambda e: e.arc_length)
             if not scored:
                 continue
             q1, median, q3 = np.array([np.quantile(per_metre(e), (0.25, 0.5, 0.75)) for e in scored]).T
             # side by side, so that the bars of several series at one marker can be told apart
-            at = np.array([1e3 * e.arc_length for e in scored]) + 5.0 * (i - 0.5 * (len(series) - 1))
+            at = np.array([1e3 * e.arc_length for e in scored]) + 5.0 * (s.number - 0.5 * (len(series) - 1))
             ax.errorbar(
                 at,
                 median,
                 (median - q1, q3 - median),
                 fmt='o',
-                linestyle=_line(i),
-                color=_colour(i),
+                linestyle=_line(s.number),
+                color=_colour(s.number),
                 label=s.name,
                 capsize=2.5,
             )
@@ -183,15 +186,15 @@ def error_over_time(series: Sequence[Series]) -> 'Figure':
     for ax, name in zip(axes, markers, strict=True):
         for k, (first, last) in enumerate(fitted):
             ax.axvspan(first, last, color='#eef1f4', label='fitted, not scored' if k == 0 else None)
-        for i, s in enumerate(series):
+        for s in series:
             if name not in s.errors or not s.errors[name].n:
                 continue
             times, distances = _with_breaks(s.errors[name])
             ax.plot(
                 times - _start(s),
                 1e3 * distances,
-                color=_colour(i),
-                linestyle=_line(i),
+                color=_colour(s.number),
+                linestyle=_line(s.number),
                 linewidth=0.7,
                 label=s.name,
             )
@@ -224,7 +227,12 @@ def hulls(series: Sequence[Series]) -> 'Figure':
         along = np.linspace(0.0, min(knots[-1], s.backbone.arc_lengths[-1]), 90)
         surface = _tube(s.backbone.at(along), np.interp(along, knots, radii))
         ax.plot_surface(
-            *np.moveaxis(surface, -1, 0), color=_colour(i), alpha=0.28, linewidth=0.0, rcount=90, ccount=40
+            *np.moveaxis(surface, -1, 0),
+            color=_colour(s.number),
+            alpha=0.28,
+            linewidth=0.0,
+            rcount=90,
+            ccount=40,
         )
         ax.plot(*s.backbone.positions.T, color='black', linewidth=1.6)
         ax.plot(*s.backbone.at(knots[1:]).T, 'o', color='black', markersize=4.5)

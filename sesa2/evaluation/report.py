@@ -65,14 +65,14 @@ def write_report(
 def _series(trials: Sequence[Trial], *, boxes: bool = False) -> list[Series]:
     """Every model of every trial, named by what differs; boxes of several trials stand in one panel per model."""
     several = len(trials) > 1
-    series = []
+    series: list[Series] = []
     for trial in trials:
         models = trial.evaluation.models
         for model, errors in models.items():
             name = model if not several else trial.label if boxes else f'{trial.label}, {model}'
             panel = model if several else trial.label
             fitted_on = trial.evaluation.registration.fitted_on
-            series.append(Series(name, panel, dict(errors), fitted_on, trial.backbone))
+            series.append(Series(name, panel, dict(errors), len(series), fitted_on, trial.backbone))
     return series
 
 

@@ -17,7 +17,8 @@ def read_csv(path: str | Path, names: Sequence[str]) -> tuple[Trajectory, tuple[
     """Read marker positions.
 
     The first line names the columns: `time_s`, then `<marker>_x`, `<marker>_y`, `<marker>_z` for every marker, in any
-    order; other columns are ignored. Metres, seconds from any origin. An empty field or `nan` means not seen.
+    order; other columns are ignored. Metres, seconds from any origin. An empty field or `nan` means not seen. A marker
+    without any column, or never seen, is left out.
 
     Parameters
     ----------
@@ -33,7 +34,7 @@ def read_csv(path: str | Path, names: Sequence[str]) -> tuple[Trajectory, tuple[
     Raises
     ------
     EvaluationError
-        no such file, a column is missing, a field is not a number (with its line), no marker was seen.
+        no such file, a column is missing, a field is not a number (with its line), none of the markers was seen.
     """
     path = Path(path)
     try:
@@ -49,6 +50,9 @@ def _parse(
     reader: Iterator[list[str]], names: tuple[str, ...], file: str
 ) -> tuple[Trajectory, tuple[str, ...]]:
     header = [cell.strip() for cell in next(reader, [])]
+    absent = [name for name in names if not {f'{name}_{axis}' for axis in 'xyz'} & set(header)]
+    if len(absent) < len(names):  # else the columns are called otherwise, and _columns says how
+        names = tuple(name for name in names if name not in absent)
     columns = _columns(header, names, file)
     last = max(columns)
 
@@ -79,18 +83,25 @@ def _parse(
     partial = int((nan.any(axis=2) & ~nan.all(axis=2)).sum())
     positions[nan.any(axis=2)] = np.nan
     truth = Trajectory(table[:, 0], positions, names)
-    for name, seen in zip(names, truth.seen.T, strict=True):
-        if not seen.any():
-            raise EvaluationError(f'{file}: {name} was never seen in {len(rows)} samples')
+    seen = tuple(name for name, samples in zip(names, truth.seen.T, strict=True) if samples.any())
+    if not seen:
+        raise EvaluationError(f'{file}: none of {", ".join(names)} was seen in {len(rows)} samples')
 
-    left_out = []
+    left_out = [
+        f'{file}: {name} {why} and is not evaluated'
+        for why, which in (
+            ('has no columns', absent),
+            (f'was never seen in {len(rows)} samples', [name for name in names if name not in seen]),
+        )
+        for name in which
+    ]
     if short_line:
         left_out.append(f'{file} was cut short: its last line, {short_line}, is incomplete and left out')
     if late:
         left_out.append(f'{file}: {late} lines whose {TIME} is not after the line before were left out')
     if partial:
         left_out.append(f'{file}: {partial} marker positions with a missing component count as not seen')
-    return truth, tuple(left_out)
+    return truth.select(seen), tuple(left_out)
 
 
 def _columns(header: list[str], names: tuple[str, ...], file: str) -> list[int]:

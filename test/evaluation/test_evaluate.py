@@ -1,4 +1,5 @@
 import json
+import re
 import time
 
 import numpy as np
@@ -138,6 +139,55 @@ def test_what_was_wrong_with_the_truth_is_said(estimate, truth):
     assert 'Markers jumped in the truth; left out: 1 samples of M2.' in got.warnings
 
 
+def test_an_exchange_after_a_gap_is_not_scored(estimate, truth):
+    p = truth.positions.copy()
+    p[3000:3150] = np.nan
+    p[3150:5000] = p[3150:5000, ::-1]
+    got = evaluate({'pcc': estimate}, in_another_frame(changed(truth, p)), ARC_LENGTHS, register='rigid')
+    assert got.models['pcc']['M1'].n < 1100
+    assert got.models['pcc']['M1'].rmse_mm < 0.5
+    assert (
+        'Markers had changed places in the truth; left out: 1850 samples of M1, 1850 samples of M2.'
+        in got.warnings
+    )
+
+
+def test_markers_whose_names_are_exchanged_are_told(estimate, truth):
+    got = evaluate({'pcc': estimate}, changed(truth, truth.positions[:, ::-1]), ARC_LENGTHS, time_offset=0.0)
+    assert (
+        'M1 and M2 seem to be exchanged in all of the truth: with their names exchanged it fits much better.'
+        in got.warnings
+    )
+
+
+@pytest.mark.parametrize('time_offset', [None, 0.0])
+@pytest.mark.parametrize(('register', 'told'), [('none', True), ('translation', True), ('rigid', False)])
+def test_frames_that_differ_are_told(estimate, truth, register, told, time_offset):
+    flipped = changed(truth, truth.positions * (-1.0, 1.0, -1.0))
+    got = evaluate({'pcc': estimate}, flipped, ARC_LENGTHS, register=register, time_offset=time_offset)
+    told_of = [
+        w for w in got.warnings if re.search(r'--register rigid the median error would be 0\.\d mm', w)
+    ]
+    assert len(told_of) == told
+
+
+def test_errors_that_no_rotation_explains_are_not_blamed_on_the_frames(estimate, truth):
+    off = np.random.default_rng(0).normal(0.0, 0.1, estimate.positions.shape)
+    got = evaluate({'pcc': changed(estimate, estimate.positions + off)}, truth, ARC_LENGTHS, time_offset=0.0)
+    assert got.models['pcc']['M2'].median_pct > 15.0
+    assert got.warnings == ()
+
+
+def test_figures_of_few_samples_are_warned_of(estimate, truth):
+    got = evaluate(
+        {'pcc': estimate}, truth, ARC_LENGTHS, register='rigid', fit_fraction=0.9999, time_offset=0.0
+    )
+    n = got.models['pcc']['M1'].n
+    assert 0 < n < 30
+    told = f'Only {n} samples of M1 are scored with pcc, expected at least 30: its figures are chance.'
+    assert told in got.warnings
+
+
 def test_a_marker_that_is_seen_only_while_fitting_has_no_figures(estimate, truth):
     p = truth.positions.copy()
     p[2900:, 0] = np.nan
@@ -172,7 +222,7 @@ def test_refuses_an_estimate_with_holes(estimate, truth):
     p = estimate.positions.copy()
     p[7, 1] = np.nan
     with pytest.raises(
-        EvaluationError, match=r'pcc: 1 estimated marker positions are NaN, the first M2 at 0\.226 s'
+        EvaluationError, match=r'pcc: 1 estimated marker positions are NaN, the first M2 0\.226 s after'
     ):
         evaluate({'pcc': changed(estimate, p)}, truth, ARC_LENGTHS)
 

@@ -80,6 +80,22 @@ def test_one_trial(tmp_path, trial):
     )
 
 
+def test_times_are_from_the_beginning_of_the_truth(tmp_path, motion):
+    truth, start = motion.record(100.0), 1.7e9
+    later = Trajectory(truth.times + start, truth.positions, truth.names)
+    result = evaluate({'pcc': motion.record(31.0)}, later, ARC_LENGTHS, register='rigid', time_offset=start)
+    html = write_report(tmp_path / 'r', [Trial('a', result)]).read_text(encoding='utf-8')
+    assert re.search(r'fitted with pcc on 0\.00 to (29|30)\.\d\d s', html)
+    assert re.search(r'(29|30)\.\d\d to 59\.\d\d s of the truth', html)
+
+
+def test_a_series_keeps_its_colour_beside_a_trial_without_a_pose(tmp_path, trial, monkeypatch):
+    drawn = []
+    monkeypatch.setattr('sesa2.evaluation.plots.hulls', lambda series: drawn.extend(series) or b'')
+    write_report(tmp_path / 'r', [trial('a', 3e-3, backbone=None), trial('b', 3e-3)])
+    assert [s.number for s in drawn] == [2, 3]
+
+
 def test_nothing_is_fetched_from_elsewhere(tmp_path, trial):
     html = write_report(tmp_path / 'r', [trial('a', 3e-3)]).read_text(encoding='utf-8')
     without_images = re.sub(r'base64,[A-Za-z0-9+/=]+', '', html)

@@ -3,6 +3,7 @@ import pytest
 
 from sesa2.evaluation.screening import screen
 from sesa2.evaluation.trajectory import EvaluationError, Trajectory
+from sesa2.shape.rotations import from_rotation_vector, rotate
 
 
 def changed(trajectory, positions):
@@ -18,7 +19,7 @@ def test_a_clean_truth_is_left_alone(truth, motion):
     got = screen(truth, motion.record(31.0), 0.6)
     np.testing.assert_array_equal(got.truth.positions, truth.positions)
     assert got.scale == 1.0
-    assert got.exchanged == got.jumped == {'M1': 0, 'M2': 0}
+    assert got.held == got.exchanged == got.untold == got.jumped == {'M1': 0, 'M2': 0}
 
 
 def test_the_simulated_trial_is_left_alone(twin):
@@ -75,6 +76,49 @@ def test_markers_that_come_back_exchanged_from_a_gap(truth, motion):
     assert got.exchanged == {'M1': 370, 'M2': 370}
 
 
+@pytest.mark.parametrize('gap', [10, 50, 150, 400])
+@pytest.mark.parametrize('exchanged', [slice(2000, 3000), slice(0, 2000), slice(2000, 6000)])
+def test_which_is_which_is_not_carried_over_a_gap(truth, motion, gap, exchanged):
+    p = truth.positions.copy()
+    p[exchanged] = p[exchanged, ::-1]
+    p[2000 : 2000 + gap] = np.nan
+    wrong = np.zeros(len(p), dtype=bool)
+    wrong[exchanged] = True
+    got = screen(changed(truth, p), motion.record(31.0), 0.6)
+    np.testing.assert_array_equal(got.truth.seen[:, 0], ~wrong & ~np.isnan(p[:, 0, 0]))
+    np.testing.assert_array_equal(got.truth.seen[:, 0], got.truth.seen[:, 1])
+
+
+def test_which_is_which_is_told_across_frames_and_clocks(truth, motion):
+    p = truth.positions.copy()
+    p[:4000] = p[:4000, ::-1]
+    turned = rotate(from_rotation_vector([0.3, 2.0, -1.0]), p) + np.array([1.0, 2.0, 3.0])
+    moved = Trajectory(truth.times + 77.7, turned, truth.names)
+    got = screen(moved, motion.record(31.0), 0.6)
+    np.testing.assert_array_equal(got.truth.seen[:, 0], np.arange(len(p)) >= 4000)
+
+
+def test_an_exchange_is_left_out_whole_where_nothing_tells_which_side_is_right(truth, motion):
+    p = truth.positions.copy()
+    p[3000:3100] = np.nan
+    p[5000:] = p[5000:, ::-1]
+    other = changed(truth, truth.positions[::-1])
+    got = screen(changed(truth, p), other, 0.6)
+    assert got.truth.seen[:3000].all()
+    assert not got.truth.seen[3000:].any()
+    assert got.untold == {'M1': 2900, 'M2': 2900}
+    assert got.exchanged == {'M1': 0, 'M2': 0}
+
+
+def test_names_that_are_exchanged_throughout_are_told_and_nothing_is_left_out(truth, motion):
+    p = truth.positions[:, ::-1].copy()
+    p[3000:3100] = np.nan
+    got = screen(changed(truth, p), motion.record(31.0), 0.6)
+    assert got.exchanged_throughout == (('M1', 'M2'),)
+    assert got.truth.seen.sum() == 2 * (len(p) - 100)
+    assert screen(truth, motion.record(31.0), 0.6).exchanged_throughout == ()
+
+
 def test_jumps_are_left_out_exactly(truth, motion):
     p = truth.positions.copy()
     p[700, 0] += (0.0, 0.3, 0.0)
@@ -85,6 +129,23 @@ def test_jumps_are_left_out_exactly(truth, motion):
     got = screen(changed(truth, p), motion.record(31.0), 0.6)
     np.testing.assert_array_equal(got.truth.seen, ~wrong)
     assert got.jumped == {'M1': 2, 'M2': 23}
+
+
+def test_a_position_that_is_held_is_not_a_measurement(truth, motion):
+    p = truth.positions.copy()
+    p[2000:3000, 1] = p[2000, 1]
+    got = screen(changed(truth, p), motion.record(31.0), 0.6)
+    assert got.held == {'M1': 0, 'M2': 999}
+    assert got.jumped == {'M1': 0, 'M2': 0}
+    assert not got.truth.seen[2001:3000, 1].any()
+    assert got.truth.seen.sum() == 2 * len(p) - 999
+
+
+def test_an_arm_at_rest_is_not_held(truth, motion):
+    p = truth.positions.copy()
+    p[2000:3000] = p[2000]  # in a simulation without noise
+    p[3000:] -= p[3000] - p[2000]
+    assert screen(changed(truth, p), motion.record(31.0), 0.6).held == {'M1': 0, 'M2': 0}
 
 
 def test_one_marker_in_the_place_of_the_other_that_is_hidden(truth, motion):

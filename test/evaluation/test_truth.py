@@ -41,6 +41,20 @@ def test_gaps_stay_gaps(csv):
     assert left_out == ('truth.csv: 1 marker positions with a missing component count as not seen',)
 
 
+@pytest.mark.parametrize(
+    ('text', 'why'),
+    [
+        ('time_s,M1_x,M1_y,M1_z\n0,1,2,3\n1,4,5,6\n', 'M2 has no columns and is not evaluated'),
+        (HEADER + '0,1,2,3,,,\n1,4,5,6,,,\n', 'M2 was never seen in 2 samples and is not evaluated'),
+    ],
+)
+def test_the_markers_that_are_there_are_read(csv, text, why):
+    truth, left_out = read_csv(csv(text), NAMES)
+    assert truth.names == ('M1',)
+    np.testing.assert_array_equal(truth.positions, [[[1, 2, 3]], [[4, 5, 6]]])
+    assert left_out == (f'truth.csv: {why}',)
+
+
 def test_lines_back_in_time_are_left_out_and_counted(csv):
     truth, left_out = read_csv(csv(HEADER + ''.join(f'{t},1,2,3,4,5,6\n' for t in (0, 1, 1, 0.5, 2))), NAMES)
     np.testing.assert_array_equal(truth.times, [0, 1, 2])
@@ -66,7 +80,8 @@ def test_a_file_cut_short_is_used_as_far_as_it_goes(csv):
         (HEADER + '0,1,2,inf,4,5,6\n', "line 2: M1_z is 'inf'"),
         (HEADER + ',1,2,3,4,5,6\n', 'line 2: time_s is empty'),
         (HEADER + '0,1,2\n1,1,2,3,4,5,6\n', 'line 2: fewer fields than the 7 columns'),
-        (HEADER + '0,1,2,3,,,\n1,1,2,3,,,\n', 'M2 was never seen in 2 samples'),
+        (HEADER + '0,,,,,,\n1,,,,,,\n', 'none of M1, M2 was seen in 2 samples'),
+        ('time_s,m1_x,m1_y,m1_z\n0,1,2,3\n', "no column M1_x; the nearest is 'm1_x'"),
     ],
 )
 def test_refuses_and_says_where(csv, text, message):
