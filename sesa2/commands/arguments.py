@@ -4,8 +4,11 @@ import argparse
 import math
 import sys
 from collections.abc import Callable
+from typing import TypeVar
 
 from sesa2.configuration import Configuration, files
+
+_Number = TypeVar('_Number', int, float)
 
 
 def add_config(parser: argparse.ArgumentParser, default: str | None = None) -> None:
@@ -33,41 +36,38 @@ def load_config(options: argparse.Namespace) -> Configuration:
 
 def positive(text: str) -> float:
     """A number above zero, as an argument's type."""
-    value = float(text)
-    if not 0.0 < value < math.inf:
-        raise argparse.ArgumentTypeError(f'got {text}, expected a number above 0')
-    return value
+    return _number(text, float, lambda v: 0.0 < v < math.inf, 'a number above 0')
 
 
 def not_negative(text: str) -> float:
     """A number of at least zero, as an argument's type."""
-    value = float(text)
-    if not 0.0 <= value < math.inf:
-        raise argparse.ArgumentTypeError(f'got {text}, expected 0 or more')
-    return value
-
-
-def natural(text: str) -> int:
-    """A whole number of at least zero, as an argument's type."""
-    value = int(text)
-    if value < 0:
-        raise argparse.ArgumentTypeError(f'got {text}, expected 0 or more')
-    return value
+    return _number(text, float, lambda v: 0.0 <= v < math.inf, 'a number of 0 or more')
 
 
 def finite(text: str) -> float:
     """A number, as an argument's type."""
-    value = float(text)
-    if not math.isfinite(value):
-        raise argparse.ArgumentTypeError(f'got {text}, expected a finite number')
-    return value
+    return _number(text, float, math.isfinite, 'a finite number')
+
+
+def natural(text: str) -> int:
+    """A whole number of at least zero, as an argument's type."""
+    return _number(text, int, lambda v: v >= 0, 'a whole number of 0 or more')
 
 
 def port_number(text: str) -> int:
     """A port of the network, as an argument's type."""
-    value = int(text)
-    if not 0 <= value <= 65535:
-        raise argparse.ArgumentTypeError(f'got {text}, expected 0 to 65535')
+    return _number(text, int, lambda v: 0 <= v <= 65535, 'a port, 0 to 65535')
+
+
+def _number(
+    text: str, kind: Callable[[str], _Number], fits: Callable[[_Number], bool], expected: str
+) -> _Number:
+    try:
+        value = kind(text)
+    except ValueError:
+        value = None
+    if value is None or not fits(value):
+        raise argparse.ArgumentTypeError(f'got {text}, expected {expected}')
     return value
 
 
