@@ -121,7 +121,7 @@ def test_a_name_that_is_taken_gets_a_number(graph, configured, tmp_path):
 
 def test_what_cannot_be_written_is_refused(graph, configured, tmp_path):
     (tmp_path / 'file').write_text('')
-    with pytest.raises(Sesa2Error, match='file: cannot be written: '):
+    with pytest.raises(Sesa2Error, match=r'file/bag: cannot be written: .*file is a file, expected a folder'):
         Recorder(parameter_overrides=configured(values(tmp_path / 'file/bag')))
     with pytest.raises(ConfigurationError, match=r'record\.file: is empty'):
         Recorder(parameter_overrides=configured(values('')))
