@@ -115,6 +115,27 @@ def test_self_calibration_makes_the_mountings_better(tmp_path, config, capsys):
     assert np.linalg.norm(left[:, :2]) < 0.9 * np.linalg.norm(np.sin(TILT / 2))
 
 
+def test_orientations_in_a_csv_give_what_a_bag_gives(tmp_path, config):
+    t = np.arange(100) / 50.0
+    q = mounted(bending(t))
+    columns = [f'imu_{i}_{axis}' for i in IDS for axis in 'wxyz']
+    lines = [','.join(['note', 'time_s', *columns])]
+    for now, row in zip(t, q[..., [3, 0, 1, 2]], strict=True):
+        lines.append(f'x,{START_NS * 1e-9 + now:.3f},' + ','.join(f'{v:.12f}' for v in row.ravel()))
+    lines[50] = lines[50].rsplit(',', 4)[0] + ',,,nan,'  # the last IMU has not measured
+    csv = tmp_path / 'frames.csv'
+    csv.write_text('\n'.join(lines))
+    bag = recording(tmp_path / 'bag', t, q)
+    for source in (csv, bag):
+        out = tmp_path / f'{source.stem}_estimate'
+        assert main(['replay', str(source), '--config', str(config), '--out', str(out)]) == 0
+    ours, theirs = (read_poses(tmp_path / f'{name}_estimate', 'pcc/markers') for name in ('frames', 'bag'))
+    row = np.round((ours.times_s - START_NS * 1e-9) * 50.0).astype(int)
+    assert len(row) == len(t) - 1  # the samples of a sweep that is not whole are dropped
+    assert len(theirs.times_s) == len(t)
+    np.testing.assert_allclose(ours.positions, theirs.positions[row], atol=1e-9)
+
+
 def test_evaluate_finds_offset_and_frame_and_prints_what_the_design_says(tmp_path, config, capsys):
     t = np.arange(1500) / 50.0
     bag, estimate = recording(tmp_path / 'motion', t, bending(t)), tmp_path / 'estimate'

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from rosbags.rosbag2 import Reader
 
+from sesa2.bags.orientations_csv import OrientationsCsv
 from sesa2.bags.predecessor import PredecessorBag
 from sesa2.bags.topics import Message, Part, Topic, absolute, is_latched
 from sesa2.bags.unfinished import UnfinishedMcap
@@ -68,7 +69,7 @@ def open_recording(path: str | Path, first_id: int | None = None) -> Recording:
     Parameters
     ----------
     path
-        a rosbag2 folder, one file of it (.mcap, .db3), or a bag of the ROS 1 predecessor (.bag).
+        a rosbag2 folder, one file of it (.mcap, .db3), a bag of the ROS 1 predecessor (.bag), or orientations (.csv).
     first_id
         for the predecessor's: the ID in the bag that is our IMU 1; the lowest in the bag where it is None.
 
@@ -115,8 +116,10 @@ def _number_in_name(path: Path) -> tuple[int, str]:
 def _open_file(path: Path, first_id: int | None = None) -> Part:
     if path.suffix == '.bag':
         return PredecessorBag(path, first_id)
+    if path.suffix.lower() == '.csv':
+        return OrientationsCsv(path)
     if path.suffix not in ('.mcap', '.db3'):
-        raise Sesa2Error(f'{path}: not a recording, expected a rosbag2 folder, .mcap, .db3 or .bag')
+        raise Sesa2Error(f'{path}: not a recording, expected a rosbag2 folder, .mcap, .db3, .bag or .csv')
     try:
         return _Rosbag2(path)
     except _RefusedError as refused:

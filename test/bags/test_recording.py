@@ -147,13 +147,23 @@ def test_mcap_that_is_not_ros_2(tmp_path):
     [
         ('missing', None, 'no such file or folder'),
         ('missing.mcap', None, 'no such file or folder'),
-        ('notes.txt', b'hello', r'expected a rosbag2 folder, .mcap, .db3 or .bag'),
+        ('notes.txt', b'hello', r'expected a rosbag2 folder, \.mcap, \.db3, \.bag or \.csv'),
         ('empty.mcap', b'', 'nothing readable'),
         ('text.mcap', b'hello, this is not MCAP at all', 'nothing readable'),
         ('empty.db3', b'', 'nothing readable'),
         ('text.db3', b'hello, this is not SQLite', 'nothing readable'),
         ('empty.bag', b'', 'nothing readable'),
         ('text.bag', b'hello, this is not a bag\n', 'nothing readable'),
+        ('empty.csv', b'', 'expected the columns time_s and imu_<id>_x'),
+        ('markers.csv', b'time_s,M1_x,M1_y,M1_z\n', 'wrong: no IMU has any'),
+        ('part.csv', b'time_s,imu_3_x,imu_3_y,imu_3_w\n', 'wrong: imu_3_z'),
+        (
+            'word.csv',
+            b'time_s,imu_3_x,imu_3_y,imu_3_z,imu_3_w\n0,0,0,0,1\n1,0,x,0,1\n',
+            "line 3: imu_3_y is 'x'",
+        ),
+        ('time.csv', b'time_s,imu_3_x,imu_3_y,imu_3_z,imu_3_w\n,0,0,0,1\n', "line 2: time_s is ''"),
+        ('image.csv', b'\x89PNG\xff\xfe', 'is not a CSV text file'),
     ],
 )
 def test_what_is_no_recording(tmp_path, name, content, message):
