@@ -187,6 +187,7 @@ def test_parameters_are_described_ranged_and_read_only(graph, node):
 def test_align_takes_the_mountings_from_the_straight_arm(graph, node):
     tips = graph.listen(PoseStamped, 'pcc/tip', STREAM)
     configurations = graph.listen(String, 'configuration', LATCHED)
+    graph.until(lambda: configurations, 'the configuration')  # a later one would take its place
     answer = graph.call(Trigger, 'estimator/align', Trigger.Request())
     assert not answer.success
     assert 'no sweep' in answer.message
