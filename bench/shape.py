@@ -37,9 +37,15 @@ def bent_sweeps(n, rng):
     return [Sweep(k, q[k], np.ones(8, bool), None) for k in range(n)]
 
 
-def seconds(function, number):
-    """Best of five, per call."""
-    return min(timeit.repeat(function, number=number, repeat=5)) / number
+def seconds(function, number, repeat=5):
+    """Best of some, per call."""
+    return min(timeit.repeat(function, number=number, repeat=repeat)) / number
+
+
+def in_turn(function, peer, number, rounds=20):
+    """Best of each, per call, taken in turn: what else the machine does then meets both."""
+    both = [(seconds(function, number, 1), seconds(peer, number, 1)) for _ in range(rounds)]
+    return (min(of) for of in zip(*both, strict=True))
 
 
 def scipy_chain(q, base):
@@ -69,16 +75,14 @@ def rows():
         1,
     )
     spline = Estimator(configuration('spline'))
-    yield (
-        'one sweep, spline of 64 links',
-        seconds(lambda: spline.estimate(one), 200),
-        'pcc',
-        seconds(lambda: pcc.estimate(one), 200),
-        1,
-    )
-    per_sweep = {}
-    for name in ('rigid', 'pcc', 'spline'):
+    ours, theirs = in_turn(lambda: spline.estimate(one), lambda: pcc.estimate(one), 100)
+    yield 'one sweep, spline of 64 links', ours, 'pcc', theirs, 1
+    models = [e.models[name] for e, name in ((spline, 'spline'), (pcc, 'pcc'))]
+    ours, theirs = in_turn(*(lambda m=m: m.fit(q).positions(m.link_ends) for m in models), 100)
+    yield 'one sweep, positions alone, spline', ours, 'pcc', theirs, 1
+    for name in ('rigid', 'pcc'):
         model = Estimator(configuration(name))
-        per_sweep[name] = seconds(lambda m=model: m.estimate(many), 1) / len(many)
-        yield f'batched, per sweep, {name}', per_sweep[name], 'target', 25e-6, 1
-    yield 'batched, per sweep, spline', per_sweep['spline'], 'pcc', per_sweep['pcc'], 1
+        each = seconds(lambda m=model: m.estimate(many), 1) / len(many)
+        yield f'batched, per sweep, {name}', each, 'target', 25e-6, 1
+    ours, theirs = in_turn(lambda: spline.estimate(many), lambda: pcc.estimate(many), 1)
+    yield 'batched, per sweep, spline', ours / len(many), 'pcc', theirs / len(many), 1
