@@ -17,7 +17,6 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 CHROMIUM = Path('/usr/bin/chromium')
-PORT = 8087
 WARM_UP_S = 15.0
 SAMPLE_S = 1.0
 # Software rendering of a small window: the browser is not what is measured.
@@ -71,13 +70,13 @@ def configuration():
     )
 
 
-def watch(playwright, seconds):
+def watch(playwright, address, seconds):
     """Look at the page; returns when it began, and the arrivals of frames at the browser since then."""
     browser = playwright.chromium.launch(executable_path=str(CHROMIUM), args=FLAGS)
     page = browser.new_page(viewport={'width': 240, 'height': 160})
     arrived = []
     page.on('websocket', lambda s: s.on('framereceived', lambda f: len(f) > LARGE and arrived.append(len(f))))
-    page.goto(f'http://127.0.0.1:{PORT}')
+    page.goto(address)
     page.get_by_text('streaming').wait_for(state='attached', timeout=60_000)
     page.wait_for_timeout(1e3 * WARM_UP_S)
     began = time.monotonic()
@@ -101,15 +100,15 @@ def rows(seconds=60.0):
         config, out = Path(folder) / 'arm.yaml', Path(folder) / 'out'
         config.write_text(configuration())
         page = subprocess.Popen(
-            [sys.executable, __file__, out, '--ros-args', '-p', f'port:={PORT}'], stdout=subprocess.PIPE
+            [sys.executable, __file__, out, '--ros-args', '-p', 'port:=0'], stdout=subprocess.PIPE
         )
         system = subprocess.Popen(
             [sys.executable, '-m', 'sesa2.cli', 'run', '--config', config, '--source', 'sim'],
             stdout=subprocess.DEVNULL,
         )
         try:
-            page.stdout.readline()  # its address: it listens
-            began, arrived = watch(playwright, seconds)
+            address = page.stdout.readline().split()[-1].decode()
+            began, arrived = watch(playwright, address, seconds)
         finally:
             for process in (system, page):
                 process.terminate()

@@ -13,10 +13,7 @@ from sesa2.shape.rotations import FloatArray
 
 # A twist of the whole arm beyond this (rad) is more than silicone does by itself, and is hard to tell from headings.
 _MUCH_TWIST = 0.1
-# A turn about the straight arm beyond this is more than the headings of calibrated chips differ by, rad.
-_MUCH_TURN = np.deg2rad(10.0)
 _POOR_FIT = 0.25
-_LARGE_TILT = np.deg2rad(30.0)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -104,19 +101,14 @@ def _from_straight_pose(
         if not n
     ]
     warn(unheard)
-    _warn_of_large_tilts(c, found.corrections)
-    turned = [
-        f'IMU {i} is turned by {np.rad2deg(left):+.0f}° about the arm; if that is its heading, --headings takes it so'
-        for i, left in zip(c.imus.ids, found.unexplained, strict=True)
-        if abs(left) > _MUCH_TURN
-    ]
-    warn(turned)
+    warn(found.doubts(c.imus.ids))
     return found.mountings, found.headings
 
 
 def _from_motion(
     c: Configuration, t: FloatArray, q: FloatArray, measured: np.ndarray, base: FloatArray, headings: bool
 ) -> tuple[FloatArray, FloatArray]:
+    from sesa2.imu.alignment import tilt_doubts
     from sesa2.imu.self_calibration import self_calibrate
 
     if headings:
@@ -139,19 +131,7 @@ def _from_motion(
                 f'the shapes of a smooth arm fit poorly (misfit {found.misfit:.2f}, expected 0.1 to 0.2): {text}'
             ]
         )
-    _warn_of_large_tilts(c, found.corrections)
+    warn(tilt_doubts(found.corrections, c.imus.ids))
     if found.twist > _MUCH_TWIST:
         warn([f'the arm seems to twist by {twist:.1f}° rms; a steady twist looks like errors of heading'])
     return found.mountings, found.headings
-
-
-def _warn_of_large_tilts(c: Configuration, corrections: FloatArray) -> None:
-    """A sensor put on askew is a few degrees off; more is a mounting or a base that the configuration has wrong."""
-    tilts = np.linalg.norm(corrections[:, :2], axis=1)
-    large = [
-        f'IMU {i} by {np.rad2deg(a):.0f}°' for i, a in zip(c.imus.ids, tilts, strict=True) if a > _LARGE_TILT
-    ]
-    if large:
-        text = f'mountings are tilted far from those configured ({", ".join(large)}): right if they were not known; '
-        text += 'else check imus.mount_orientations and arm.base_orientation, which says how the arm stands'
-        warn([text])

@@ -15,11 +15,16 @@ from sesa2.shape.rotations import (
     swing,
     tangent,
     to_rotation_vector,
+    wrap,
 )
 
 # An arm that is still shows up to 2.7° within a minute, by the tilt and the heading that a BNO055's fusion wanders by.
 MAX_SPREAD = np.deg2rad(3.0)
 MIN_SAMPLES = 30
+# A sensor put on askew is a few degrees off; more is a mounting or a base that the configuration has wrong.
+LARGE_TILT = np.deg2rad(30.0)
+# A turn about the arm beyond this is more than the headings of calibrated chips differ by.
+LARGE_TURN = np.deg2rad(10.0)
 # Beyond this angle between the arm and the vertical a heading error looks more like tilt than like twist.
 MAX_FROM_VERTICAL = np.deg2rad(60.0)
 
@@ -53,6 +58,37 @@ class Alignment(NamedTuple):
     unexplained: FloatArray
     spread: FloatArray
     samples: np.ndarray
+
+    def doubts(self, ids: Sequence[int]) -> list[str]:
+        """What the user should look at, a sentence each; `ids` of the IMUs."""
+        turned = [
+            f'IMU {i} is turned by {np.rad2deg(left):+.0f}° about the arm: its heading?'
+            for i, left in zip(ids, self.unexplained, strict=True)
+            if abs(left) > LARGE_TURN
+        ]
+        return [*tilt_doubts(self.corrections, ids), *turned]
+
+
+def tilt_doubts(corrections: FloatArray, ids: Sequence[int]) -> list[str]:
+    """A sentence where mountings were corrected by more than a sensor is put on askew; none where all is well.
+
+    Parameters
+    ----------
+    corrections : (n_imu, k)
+        of the mounting about the link's x and y in the first two columns, rad.
+    ids
+        of the IMUs.
+    """
+    tilts = np.linalg.norm(corrections[:, :2], axis=1)
+    large = [f'IMU {i} by {np.rad2deg(a):.0f}°' for i, a in zip(ids, tilts, strict=True) if a > LARGE_TILT]
+    if not large:
+        return []
+    text = (
+        f'mountings are tilted far from those configured ({", ".join(large)}): right if they were not known; '
+    )
+    return [
+        text + 'else check imus.mount_orientations and arm.base_orientation, which says how the arm stands'
+    ]
 
 
 def mean_rotation(q: FloatArray) -> FloatArray:
@@ -139,7 +175,7 @@ def align_straight(
     corrections[:, 2] = heading
     return Alignment(
         mountings=multiply(conjugate(tilt), mountings),
-        headings=np.asarray(headings) + heading,
+        headings=wrap(headings + heading),
         corrections=corrections,
         unexplained=left,
         spread=spread,

@@ -21,6 +21,7 @@ from sesa2.shape.rotations import (
     multiply,
     rotate,
     tangent,
+    wrap,
 )
 
 # What is expected of an arm put together with care, rad. The widths are learnt from all IMUs together, in which these
@@ -181,7 +182,7 @@ def self_calibrate(
     beta = solver.beta + np.outer(coarse, [0.0, 0.0, 0.0, 1.0])
     return SelfCalibration(
         mountings=multiply(from_rotation_vector(beta[:, :3]), mountings),
-        headings=_wrap(headings + beta[:, 3]),
+        headings=wrap(headings + beta[:, 3]),
         corrections=beta,
         std=np.sqrt(np.diag(solver.covariance)).reshape(-1, 4),
         expected=solver.expected,
@@ -209,10 +210,6 @@ def _coarse_headings(links: FloatArray, measured: np.ndarray, bases: FloatArray)
         corrected = np.cos(0.5 * found[i]) * own + np.sin(0.5 * found[i]) * turned
         before = np.where(heard[:, None], corrected, before)
     return np.where(np.abs(found) > _FAR_OFF, found, 0.0)
-
-
-def _wrap(angle: FloatArray) -> FloatArray:
-    return np.arctan2(np.sin(angle), np.cos(angle))
 
 
 def _distinct_shapes(links: FloatArray, bases: FloatArray) -> list[int]:

@@ -31,9 +31,6 @@ from sesa2.shape.rotations import FloatArray
 
 # What of the past `~/align` looks at: the arm was straight for so long.
 _POSE_NS = 3_000_000_000
-# A turn about the straight arm that is told, rad: headings of calibrated chips differ by a few degrees.
-_MUCH_TURN = np.deg2rad(10.0)
-_MUCH_TILT = np.deg2rad(30.0)
 
 _CLASSES = {
     'joint_states': JointState,
@@ -183,13 +180,7 @@ class EstimatorNode(rclpy.node.Node):
         if headings:
             text += '; headings by ' + each(found.corrections[:, 2], '+.1f')
         text += f'; spread {np.rad2deg(np.nanmax(found.spread)):.2f}° at most'
-        if np.linalg.norm(found.corrections[:, :2], axis=1).max() > _MUCH_TILT:
-            text += '; that is far from what is configured: right if it was not known, else check arm.base_orientation'
-        left = np.abs(found.unexplained)
-        if left.max() > _MUCH_TURN:
-            worst = self.configuration.imus.ids[int(left.argmax())]
-            text += f'; IMU {worst} is turned by {np.rad2deg(left.max()):.0f}° about the arm: its heading?'
-        return text
+        return '; '.join([text, *found.doubts(self.configuration.imus.ids)])
 
     def _publish_configuration(self) -> None:
         self._configuration_publisher.publish(String(data=files.dump(self.configuration)))

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sesa2.shape.model import with_base
-from sesa2.shape.rotations import FloatArray, multiply
+from sesa2.shape.rotations import FloatArray, multiply, wrap
 
 # The joints are singular at |z| = 90°; beyond 80° the user is warned.
 WARN_COSINE = np.cos(np.deg2rad(80.0))
@@ -98,7 +98,7 @@ def hold_x(joints: JointAngles, previous: FloatArray) -> FloatArray:
     kept = previous[at, 0]
     # With c = +90°, Rx(a) Rz(c) Ry(b) = Rz(c) Ry(b − a); with −90° it is Rz(c) Ry(b + a).
     angles[at, 0] = kept
-    angles[at, 2] = _wrap(angles[at, 2] + np.sign(angles[at, 1]) * kept)
+    angles[at, 2] = wrap(angles[at, 2] + np.sign(angles[at, 1]) * kept)
     return angles
 
 
@@ -128,7 +128,3 @@ def link_orientations(angles: FloatArray, base: FloatArray) -> FloatArray:
         q = multiply(q, step)
         out[i] = q
     return out
-
-
-def _wrap(angle: FloatArray) -> FloatArray:
-    return np.arctan2(np.sin(angle), np.cos(angle))

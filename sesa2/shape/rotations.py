@@ -253,6 +253,11 @@ def swing(a: ArrayLike, b: ArrayLike) -> FloatArray:
     return normalize(out)
 
 
+def wrap(angle: ArrayLike) -> FloatArray:
+    """The same angles within (−π, π], rad."""
+    return np.arctan2(np.sin(angle), np.cos(angle))
+
+
 def aim(q: ArrayLike, direction: ArrayLike) -> FloatArray:
     """Turn orientations the least that puts their z axes along given directions.
 

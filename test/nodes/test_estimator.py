@@ -220,7 +220,7 @@ def test_align_headings_takes_a_turn_about_the_straight_arm_as_heading(graph, no
         graph.until(lambda n=k + 1: len(tips) == n, 'a result')
     answer = graph.call(Trigger, 'estimator/align', Trigger.Request())
     assert answer.success, answer.message
-    assert 'IMU 5 is turned by 30° about the arm' in answer.message
+    assert 'IMU 5 is turned by +30° about the arm' in answer.message
     np.testing.assert_allclose(node.configuration.headings, 0.0)
     answer = graph.call(Trigger, 'estimator/align_headings', Trigger.Request())
     assert answer.success, answer.message
