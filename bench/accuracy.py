@@ -15,12 +15,12 @@ import numpy as np
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
+from sesa2.alignment.self_calibration import self_calibrate
 from sesa2.configuration import Configuration, files
 from sesa2.estimation.estimator import Estimator
 from sesa2.estimation.sweeps import Sweep
 from sesa2.evaluation.evaluate import evaluate
 from sesa2.evaluation.trajectory import Trajectory
-from sesa2.imu.self_calibration import self_calibrate
 from sesa2.shape.arm import Arm
 from sesa2.shape.models import create_model
 

@@ -23,8 +23,8 @@ WARM_UP_S = 3.0
 def serve(port, seconds, out):
     """The system under test: bridge and estimator, with the time of every sweep's arrival and the processor time."""
     from sesa2.configuration import files
-    from sesa2.nodes.running import run
     from sesa2.nodes.serial_bridge import SerialBridge
+    from sesa2.system.run import run
 
     arrivals = {}
     publish = SerialBridge.on_data
@@ -58,7 +58,7 @@ def listen(process):
     from rclpy.experimental.events_executor import EventsExecutor
     from sensor_msgs.msg import JointState
 
-    from sesa2.nodes.qos import STREAM
+    from sesa2.ros.qos import STREAM
 
     heard = {}
 

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from sesa2.bags.writing import new_bag
-from sesa2.messages.imu import TYPE, ImuMessages
+from sesa2.messages.imu_messages import TYPE, ImuMessages
 from sesa2.shape.rotations import from_rotation_vector
 
 T0 = 1_700_000_000_000_000_000

@@ -17,9 +17,9 @@ from sesa2.bags.recording import open_recording
 from sesa2.bags.writing import new_bag
 from sesa2.cli import main
 from sesa2.configuration import files
-from sesa2.imu.offsets import Offsets, save_offsets
-from sesa2.link.port import SerialPort
-from sesa2.link.virtual.board import VirtualBoard
+from sesa2.link.serial_port import SerialPort
+from sesa2.link.virtual.virtual_board import VirtualBoard
+from sesa2.sensing.imu.bno055.offsets import Offsets, save_offsets
 
 SHIPPED = sorted((REPOSITORY / 'config').glob('*.yaml'))
 OFFSETS = Offsets((1, -2, 3), (400, -500, 600), (-7, 8, -9), 1001, 777)

@@ -14,9 +14,9 @@ from sesa2.commands.evaluate import _Estimate, _in_one_frame
 from sesa2.configuration import files, validate
 from sesa2.evaluation.trajectory import Trajectory
 from sesa2.messages.cdr import Layout
-from sesa2.messages.imu import TYPE, ImuMessages
-from sesa2.nodes.simulation import make_virtual_board
+from sesa2.messages.imu_messages import TYPE, ImuMessages
 from sesa2.shape.rotations import IDENTITY, from_rotation_vector, multiply, rotate
+from sesa2.system.virtual_source import make_virtual_board
 from sesa2.twin.trial import Trial
 
 START_NS = 1_700_000_000 * 10**9

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from sesa2.link.virtual.arm import Arm
 from sesa2.link.virtual.motion import ArmMotion
+from sesa2.link.virtual.virtual_arm import Arm
 
 
 def halted(q):

@@ -10,7 +10,7 @@ import numpy as np
 
 from sesa2.bags.topics import Message, Topic
 from sesa2.errors import Sesa2Error
-from sesa2.messages.imu import TYPE, ImuMessages
+from sesa2.messages.imu_messages import TYPE, ImuMessages
 
 _TIME = 'time_s'
 

@@ -14,7 +14,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from sesa2.bags.topics import Message, Topic
 from sesa2.errors import Sesa2Error
-from sesa2.messages.imu import TYPE, ImuMessages
+from sesa2.messages.imu_messages import TYPE, ImuMessages
 
 _TOPIC = 'quat_meas'
 

@@ -18,7 +18,7 @@ from sesa2.configuration import Configuration, files
 from sesa2.errors import Sesa2Error
 from sesa2.estimation.estimator import Estimator
 from sesa2.estimation.sweeps import Sweep
-from sesa2.messages.imu import TYPE as IMU_TYPE
+from sesa2.messages.imu_messages import TYPE as IMU_TYPE
 from sesa2.messages.results import ResultMessages
 
 NS = 1_000_000_000

@@ -6,7 +6,7 @@ from typing import NamedTuple, Protocol
 
 from rosbags.interfaces import Qos, QosDurability
 
-from sesa2.messages.imu import TYPE as IMU_TYPE
+from sesa2.messages.imu_messages import TYPE as IMU_TYPE
 
 
 class Message(NamedTuple):

@@ -47,7 +47,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Learn, report, write."""
-    from sesa2.bags.sweeps import read_sweeps
+    from sesa2.bags.recorded_sweeps import read_sweeps
 
     c = load_config(options)
     if options.out.exists():
@@ -80,7 +80,7 @@ def run(options: argparse.Namespace) -> int:
 def _from_straight_pose(
     c: Configuration, t: FloatArray, q: FloatArray, measured: np.ndarray, base: FloatArray, headings: bool
 ) -> tuple[FloatArray, FloatArray]:
-    from sesa2.imu.alignment import align_straight
+    from sesa2.alignment.straight_pose import align_straight
 
     found = align_straight(
         q, measured, base, c.mountings, c.headings, ids=c.imus.ids, correct_headings=headings
@@ -108,8 +108,8 @@ def _from_straight_pose(
 def _from_motion(
     c: Configuration, t: FloatArray, q: FloatArray, measured: np.ndarray, base: FloatArray, headings: bool
 ) -> tuple[FloatArray, FloatArray]:
-    from sesa2.imu.alignment import tilt_doubts
-    from sesa2.imu.self_calibration import self_calibrate
+    from sesa2.alignment.self_calibration import self_calibrate
+    from sesa2.alignment.straight_pose import tilt_doubts
 
     if headings:
         raise Sesa2Error(

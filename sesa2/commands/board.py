@@ -4,8 +4,8 @@ import argparse
 from pathlib import Path
 
 from sesa2.commands.arguments import add_config, load_config
-from sesa2.nodes.signals import stop_on_signals
-from sesa2.nodes.simulation import make_virtual_board
+from sesa2.ros.signals import stop_on_signals
+from sesa2.system.virtual_source import make_virtual_board
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -78,9 +78,9 @@ def run(options: argparse.Namespace) -> int:
         for label, evaluation, _ in evaluated:
             print('\n'.join(_lines(label, evaluation)))
     if options.report:
-        from sesa2.evaluation.backbone import Backbone
-        from sesa2.evaluation.page import Trial
+        from sesa2.evaluation.drawn_pose import Backbone
         from sesa2.evaluation.report import write_report
+        from sesa2.evaluation.report_page import Trial
 
         trials = [Trial(label, evaluation, Backbone(*pose)) for label, evaluation, pose in evaluated]
         written = write_report(options.report, trials)

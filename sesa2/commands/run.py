@@ -5,7 +5,7 @@ from dataclasses import replace
 
 from sesa2.commands.arguments import add_config, load_config, not_negative, port_number, positive
 from sesa2.configuration import Configuration, files
-from sesa2.nodes.signals import stop_on_signals
+from sesa2.ros.signals import stop_on_signals
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -42,7 +42,7 @@ def run(options: argparse.Namespace) -> int:
     """Run until Ctrl-C, SIGTERM, the end of the bag or the given time."""
     c = _override(load_config(options), options)
     with stop_on_signals() as stop:
-        from sesa2.nodes.running import run as run_system
+        from sesa2.system.run import run as run_system
 
         run_system(c, stop, options.duration, viewer_port=options.viewer)
     return 0

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from sesa2.commands.arguments import add_config, finite, load_config, natural, positive, progress
 from sesa2.errors import Sesa2Error
-from sesa2.imu.error_model import Bno055Errors
+from sesa2.sensing.imu.error_model import Bno055Errors
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -36,7 +36,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Simulate and write."""
-    from sesa2.bags.trial import write_trial
+    from sesa2.bags.trial_bag import write_trial
     from sesa2.twin.simulation import simulate
 
     c = load_config(options)

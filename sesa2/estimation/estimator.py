@@ -5,10 +5,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sesa2.alignment.heading_filter import HeadingFilter
 from sesa2.configuration import Configuration
 from sesa2.estimation.sweeps import Sweep, SweepAssembler
-from sesa2.imu.heading_filter import HeadingFilter
-from sesa2.imu.mounting import Mounting
+from sesa2.sensing.imu.mounting import Mounting
 from sesa2.shape.joints import WARN_COSINE, JointAngles, hold_x, joint_angles
 from sesa2.shape.missing import fill_missing
 from sesa2.shape.model import Model

@@ -7,7 +7,7 @@ import numpy as np
 
 from sesa2.configuration import Configuration
 from sesa2.errors import Sesa2Error
-from sesa2.imu.error_model import SOURCES, Bno055Errors, distort
+from sesa2.sensing.imu.error_model import SOURCES, Bno055Errors, distort
 from sesa2.shape.arm import Arm
 from sesa2.shape.missing import fill_missing
 from sesa2.shape.model import Model

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sesa2.evaluation.accuracy import MarkerError
-from sesa2.evaluation.backbone import Backbone
+from sesa2.evaluation.drawn_pose import Backbone
 from sesa2.evaluation.trajectory import LONGEST_STEP, EvaluationError
 from sesa2.shape.rotations import FloatArray, rotate, swing
 

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from sesa2.evaluation import plots
-from sesa2.evaluation.backbone import Backbone
-from sesa2.evaluation.page import Figure, Trial, page
+from sesa2.evaluation.drawn_pose import Backbone
 from sesa2.evaluation.plots import Series
+from sesa2.evaluation.report_page import Figure, Trial, page
 from sesa2.evaluation.trajectory import EvaluationError
 
 __all__ = ['Backbone', 'Trial', 'write_report']

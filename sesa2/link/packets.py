@@ -11,9 +11,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from sesa2.imu.scores import Scores
-from sesa2.link.errors import PacketError
 from sesa2.link.framing import FRAMING_BYTES
+from sesa2.link.link_errors import PacketError
+from sesa2.sensing.imu.bno055.scores import Scores
 
 VERSION = 1
 """The protocol version that this package speaks."""

@@ -15,15 +15,15 @@ from dataclasses import dataclass, replace
 from queue import Empty, SimpleQueue
 from typing import Any, TypeVar
 
-from sesa2.imu.offsets import Offsets
-from sesa2.link.board import Board
-from sesa2.link.commands import Configuration, FusionMode, Hello, Stats, Stream
-from sesa2.link.errors import CommandError, LinkError, ProtocolVersionError
+from sesa2.link.board_client import Board
 from sesa2.link.framing import FrameDecoder
 from sesa2.link.intake import Intake
+from sesa2.link.link_errors import CommandError, LinkError, ProtocolVersionError
 from sesa2.link.packets import State, ids_of, mask_of
-from sesa2.link.port import SerialPort
+from sesa2.link.requests import Configuration, FusionMode, Hello, Stats, Stream
+from sesa2.link.serial_port import SerialPort
 from sesa2.link.status import Counters, Event, Handler, ImuStatus, Level, OffsetsState
+from sesa2.sensing.imu.bno055.offsets import Offsets
 
 _TURN_S = 0.05
 _RECONNECT_S = 0.2

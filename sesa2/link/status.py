@@ -4,10 +4,10 @@ from dataclasses import dataclass, field
 from enum import Enum, IntEnum
 from typing import NamedTuple, Protocol
 
-from sesa2.imu.offsets import Offsets
-from sesa2.imu.scores import Scores
 from sesa2.link.framing import FrameErrors
 from sesa2.link.packets import Acceleration, Data, State
+from sesa2.sensing.imu.bno055.offsets import Offsets
+from sesa2.sensing.imu.bno055.scores import Scores
 
 
 class Level(IntEnum):

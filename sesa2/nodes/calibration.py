@@ -11,12 +11,12 @@ from std_srvs.srv import Trigger
 
 from sesa2.configuration import ConfigurationError, Mistake
 from sesa2.errors import Sesa2Error
-from sesa2.imu.offsets import Offsets, OffsetsError, load_offsets, save_offsets
-from sesa2.imu.scores import Scores
-from sesa2.nodes.diagnostics import ERROR, OK, WARN, Diagnostics
-from sesa2.nodes.parameters import declare_configuration
-from sesa2.nodes.qos import STREAM
-from sesa2.nodes.runtime import run_alone
+from sesa2.ros.diagnostics import ERROR, OK, WARN, Diagnostics
+from sesa2.ros.parameters import declare_configuration
+from sesa2.ros.qos import STREAM
+from sesa2.ros.spinning import run_alone
+from sesa2.sensing.imu.bno055.offsets import Offsets, OffsetsError, load_offsets, save_offsets
+from sesa2.sensing.imu.bno055.scores import Scores
 
 
 class CalibrationNode(rclpy.node.Node):

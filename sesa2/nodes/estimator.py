@@ -15,18 +15,18 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger
 from visualization_msgs.msg import MarkerArray
 
+from sesa2.alignment.straight_pose import Alignment, align_straight
 from sesa2.configuration import Configuration, files
 from sesa2.errors import Sesa2Error
 from sesa2.estimation.estimator import Estimate, Estimator
 from sesa2.estimation.sweeps import Sweep
-from sesa2.imu.alignment import Alignment, align_straight
-from sesa2.messages.imu import read_imu
+from sesa2.messages.imu_messages import read_imu
 from sesa2.messages.results import TYPES, ResultMessages
 from sesa2.messages.robot import describe_robot
-from sesa2.nodes.diagnostics import ERROR, OK, WARN, Diagnostics
-from sesa2.nodes.parameters import declare_configuration
-from sesa2.nodes.qos import ANY_STREAM, LATCHED, STREAM
-from sesa2.nodes.runtime import run_alone
+from sesa2.ros.diagnostics import ERROR, OK, WARN, Diagnostics
+from sesa2.ros.parameters import declare_configuration
+from sesa2.ros.qos import ANY_STREAM, LATCHED, STREAM
+from sesa2.ros.spinning import run_alone
 from sesa2.shape.rotations import FloatArray
 
 # What of the past `~/align` looks at: the arm was straight for so long.

@@ -14,10 +14,10 @@ from sesa2.bags.recording import open_recording
 from sesa2.configuration import ConfigurationError, Mistake
 from sesa2.errors import Sesa2Error
 from sesa2.estimation.sweeps import RESET_NS
-from sesa2.nodes.diagnostics import OK, Diagnostics
-from sesa2.nodes.parameters import declare_configuration
-from sesa2.nodes.qos import STREAM
-from sesa2.nodes.runtime import run_alone
+from sesa2.ros.diagnostics import OK, Diagnostics
+from sesa2.ros.parameters import declare_configuration
+from sesa2.ros.qos import STREAM
+from sesa2.ros.spinning import run_alone
 
 _NS = 1_000_000_000
 _LISTENERS_PATIENCE_S = 3.0

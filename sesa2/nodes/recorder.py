@@ -16,12 +16,12 @@ from std_msgs.msg import String
 from sesa2.bags.writing import record
 from sesa2.configuration import ConfigurationError, Mistake, files
 from sesa2.errors import Sesa2Error
-from sesa2.messages.imu import without_acceleration
+from sesa2.messages.imu_messages import without_acceleration
 from sesa2.messages.results import TYPES
-from sesa2.nodes.diagnostics import ERROR, OK, Diagnostics
-from sesa2.nodes.parameters import declare_configuration
-from sesa2.nodes.qos import ANY_STREAM, EVERY_LATCHED, STREAM
-from sesa2.nodes.runtime import run_alone
+from sesa2.ros.diagnostics import ERROR, OK, Diagnostics
+from sesa2.ros.parameters import declare_configuration
+from sesa2.ros.qos import ANY_STREAM, EVERY_LATCHED, STREAM
+from sesa2.ros.spinning import run_alone
 
 # Half a second is the most that a kill may cost, and a little.
 _FLUSH_PERIOD_S = 0.4

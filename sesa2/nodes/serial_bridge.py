@@ -17,18 +17,18 @@ from std_srvs.srv import Trigger
 
 from sesa2.configuration import Configuration
 from sesa2.errors import Sesa2Error
-from sesa2.imu.offsets import Offsets, OffsetsError, load_offsets
-from sesa2.imu.scores import Scores
-from sesa2.link.board import Board
-from sesa2.link.commands import FusionMode
+from sesa2.link.board_client import Board
 from sesa2.link.packets import Acceleration, Data, State
+from sesa2.link.requests import FusionMode
 from sesa2.link.session import LinkSettings, Session
 from sesa2.link.status import Counters, Event, ImuStatus, Level, OffsetsState
-from sesa2.messages.imu import ImuMessages
-from sesa2.nodes.diagnostics import ERROR, OK, WARN, Diagnostics
-from sesa2.nodes.parameters import declare_configuration
-from sesa2.nodes.qos import LATCHED, STREAM
-from sesa2.nodes.runtime import run_alone
+from sesa2.messages.imu_messages import ImuMessages
+from sesa2.ros.diagnostics import ERROR, OK, WARN, Diagnostics
+from sesa2.ros.parameters import declare_configuration
+from sesa2.ros.qos import LATCHED, STREAM
+from sesa2.ros.spinning import run_alone
+from sesa2.sensing.imu.bno055.offsets import Offsets, OffsetsError, load_offsets
+from sesa2.sensing.imu.bno055.scores import Scores
 
 # Eight chips take 40 ms each; a chip that boots lets the board say "busy" for 0.7 s.
 _OFFSETS_PATIENCE_S = 5.0

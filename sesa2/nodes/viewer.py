@@ -12,13 +12,13 @@ from rclpy.task import Future
 from std_msgs.msg import String
 
 from sesa2.configuration import Configuration, ConfigurationError, files
-from sesa2.nodes.listening import Listener
-from sesa2.nodes.qos import LATCHED
-from sesa2.nodes.runtime import run_alone
-from sesa2.nodes.steering import GraphSteering
+from sesa2.ros.graph_listening import Listener
+from sesa2.ros.graph_steering import GraphSteering
+from sesa2.ros.qos import LATCHED
+from sesa2.ros.spinning import run_alone
 from sesa2.viewer.page import Page
-from sesa2.viewer.port import LOOPBACK
 from sesa2.viewer.server import address, open_server
+from sesa2.viewer.web_port import LOOPBACK
 
 _FRAME_S = 1.0 / 30.0
 _ASK_S = 1.0

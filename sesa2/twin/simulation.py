@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 
 from sesa2.configuration import Configuration
-from sesa2.imu.error_model import Bno055Errors, Measurement, measure
+from sesa2.sensing.imu.error_model import Bno055Errors, Measurement, measure
 from sesa2.shape.rotations import FloatArray, normalize, rotate
 from sesa2.twin.hand import hand_path
 from sesa2.twin.trial import Trial, TrialError

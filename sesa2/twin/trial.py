@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from sesa2.errors import Sesa2Error
-from sesa2.imu.error_model import orientations_at
+from sesa2.sensing.imu.error_model import orientations_at
 from sesa2.shape.rotations import FloatArray
 
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from sesa2.configuration import Configuration
-from sesa2.imu.scores import Scores
+from sesa2.sensing.imu.bno055.scores import Scores
 from sesa2.shape.rotations import FloatArray
 
 _HEARD_FOR_S = 3.0  # diagnostics come once a second

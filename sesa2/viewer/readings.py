@@ -2,7 +2,7 @@
 
 from html import escape
 
-from sesa2.imu.scores import Scores
+from sesa2.sensing.imu.bno055.scores import Scores
 from sesa2.viewer.live import Live
 
 _GREEN, _AMBER, _RED, _GREY = '#2b8a3e', '#e67700', '#c92a2a', '#868e96'

@@ -5,8 +5,8 @@ import trimesh.creation
 import viser
 
 from sesa2.configuration import Configuration
-from sesa2.imu.mounting import Mounting
 from sesa2.messages.colours import Colour, model_colours
+from sesa2.sensing.imu.mounting import Mounting
 from sesa2.shape.models import create_model
 from sesa2.shape.rotations import FloatArray, conjugate, multiply, rotate
 from sesa2.viewer.live import Live

@@ -19,7 +19,7 @@ from websockets import Headers
 from websockets.http11 import Request, Response
 
 from sesa2.errors import Sesa2Error
-from sesa2.viewer.port import LOOPBACK, check_port
+from sesa2.viewer.web_port import LOOPBACK, check_port
 
 
 class PageServer(viser.ViserServer):

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sesa2.messages.imu import TYPE, ImuMessages
+from sesa2.messages.imu_messages import TYPE, ImuMessages
 from sesa2.shape.rotations import normalize
 
 START_NS = 1_700_000_000_123_456_789

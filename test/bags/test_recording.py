@@ -16,7 +16,7 @@ from rosbags.typesys import Stores, get_typestore
 from sesa2.bags.recording import open_recording
 from sesa2.bags.writing import BagWriter, new_bag
 from sesa2.errors import Sesa2Error
-from sesa2.messages.imu import TYPE
+from sesa2.messages.imu_messages import TYPE
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 

@@ -20,7 +20,7 @@ from sesa2.bags.definitions import STRING, string_message, typestore
 from sesa2.bags.recording import open_recording
 from sesa2.bags.writing import BagWriter, new_bag, record
 from sesa2.errors import Sesa2Error
-from sesa2.messages.imu import TYPE
+from sesa2.messages.imu_messages import TYPE
 
 CALIBRATION = 'sesa2_msgs/msg/ImuCalibration'
 

@@ -4,7 +4,7 @@ import numpy as np
 
 from sesa2.bags.writing import new_bag
 from sesa2.messages.cdr import Layout
-from sesa2.messages.imu import TYPE
+from sesa2.messages.imu_messages import TYPE
 
 START_NS = 1_700_000_000 * 10**9
 BETWEEN_IMUS_NS = 500_000  # eight are read within 4 ms

@@ -11,7 +11,7 @@ import pytest
 from sesa2.configuration import validate
 from sesa2.configuration.files import find, load
 from sesa2.evaluation.budget import CONFIGURED, LINKS, SPACING, TOGETHER, BudgetError, draw_budget
-from sesa2.imu.error_model import SOURCES, Bno055Errors, distort, gauss_markov
+from sesa2.sensing.imu.error_model import SOURCES, Bno055Errors, distort, gauss_markov
 from sesa2.shape.models import create_model
 
 DATA = Path(os.environ.get('SESA2_DATA', Path(__file__).resolve().parents[2] / '../shared/data'))

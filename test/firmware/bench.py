@@ -4,9 +4,9 @@ from collections.abc import Callable, Iterable
 
 from simulated_board import Reading, SimulatedBoard, pattern, tick_at
 
-from sesa2.link.board import Board
-from sesa2.link.commands import Configuration, FusionMode, Hello, Stream
+from sesa2.link.board_client import Board
 from sesa2.link.packets import Acceleration, Data, State
+from sesa2.link.requests import Configuration, FusionMode, Hello, Stream
 
 CHIP_BOOT_S = 0.65
 CLOCK_SLACK_US = (

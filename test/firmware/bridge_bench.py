@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from diagnostic_msgs.msg import DiagnosticArray
-from nodes.conftest import PATIENCE_S, Graph
+from graph_fixtures import PATIENCE_S, Graph
 from rcl_interfaces.msg import Log
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.time import Time
@@ -19,18 +19,18 @@ from sensor_msgs.msg import Imu
 from simulated_board import SimulatedBoard
 
 from sesa2.configuration import validate
-from sesa2.imu.offsets import Offsets, save_offsets
-from sesa2.link import board as link_board
+from sesa2.link import board_client as link_board
 from sesa2.link import clock as link_clock
 from sesa2.link import intake as link_intake
 from sesa2.link import session as link_session
-from sesa2.link.commands import Command, Reply, decode_reply, is_reply
 from sesa2.link.framing import FrameDecoder
 from sesa2.link.packets import Data, State, decode_stream
-from sesa2.link.port import SerialPort
+from sesa2.link.requests import Command, Reply, decode_reply, is_reply
+from sesa2.link.serial_port import SerialPort
 from sesa2.link.status import OffsetsState
-from sesa2.nodes.parameters import overrides
 from sesa2.nodes.serial_bridge import SerialBridge
+from sesa2.ros.parameters import overrides
+from sesa2.sensing.imu.bno055.offsets import Offsets, save_offsets
 
 IDS = range(1, 9)
 SAVED = {i: Offsets((i, -2, 3), (-400, 500 + i, -600), (1, -1, i), 1000, 480 + i) for i in IDS}

@@ -12,7 +12,7 @@ import pytest
 from simulated_board import BUILD, FIRMWARE, SimulatedBoard
 
 from bench import Bench
-from sesa2.link import board as link_board
+from sesa2.link import board_client as link_board
 
 if TYPE_CHECKING:
     from bridge_bench import BridgeBench
@@ -89,7 +89,7 @@ def streaming(bench: Bench) -> Bench:
 def bridge_bench(built: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator['BridgeBench']:
     """A board whose chips have booted, and a ROS graph for a bridge on it."""
     from bridge_bench import BridgeBench  # the other tests here need no ROS
-    from nodes.conftest import ros_graph
+    from graph_fixtures import ros_graph
 
     with SimulatedBoard() as simulated:
         with ros_graph() as graph:

@@ -14,10 +14,10 @@ from unittest.mock import patch
 from simulated_board import BUILD, CHANNELS, FIRMWARE, SimulatedBoard
 
 from bench import Bench, Watched
-from sesa2.imu.offsets import Offsets
-from sesa2.link import board as link_board
-from sesa2.link.commands import Stream
+from sesa2.link import board_client as link_board
 from sesa2.link.packets import State
+from sesa2.link.requests import Stream
+from sesa2.sensing.imu.bno055.offsets import Offsets
 
 OFFSETS = Offsets((1, 2, 3), (4, 5, 6), (7, 8, 9), 1000, 480)
 FLASH_BYTES, RAM_BYTES = 253952, 8192  # of the ATmega2560, less the boot loader

@@ -1,7 +1,7 @@
 """The simulated board (firmware/simulator) as a test holds it: time moves only when the test moves it.
 
 `SimulatedBoard` starts the simulator and speaks to its control socket; `SteppedPort` is the board's serial port for
-`sesa2.link.board.Board`, whose waiting moves simulated time; `SimulatedClock` stands in for the module `time`.
+`sesa2.link.board_client.Board`, whose waiting moves simulated time; `SimulatedClock` stands in for the module `time`.
 """
 
 import math
@@ -101,7 +101,7 @@ class SimulatedBoard:
         return SimulatedClock(self)
 
     def port(self) -> 'SteppedPort':
-        """The serial port, in place of `sesa2.link.port.SerialPort`."""
+        """The serial port, in place of `sesa2.link.serial_port.SerialPort`."""
         return SteppedPort(self)
 
     # ---- the world ----

@@ -4,9 +4,9 @@ import pytest
 from simulated_board import Reading, pattern
 
 from bench import assert_no_gap, assert_quaternions_right
-from sesa2.imu.offsets import Offsets
-from sesa2.link.commands import FusionMode
 from sesa2.link.packets import State
+from sesa2.link.requests import FusionMode
+from sesa2.sensing.imu.bno055.offsets import Offsets
 
 OFFSETS = 0x55
 AXES = bytes((0x24, 0x00))

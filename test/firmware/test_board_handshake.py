@@ -4,9 +4,9 @@ import random
 
 import pytest
 
-from sesa2.link.commands import Command, Configuration, FusionMode, Reply, Request, Result, decode_reply
-from sesa2.link.errors import CommandError
 from sesa2.link.framing import FrameDecoder, encode_frame
+from sesa2.link.link_errors import CommandError
+from sesa2.link.requests import Command, Configuration, FusionMode, Reply, Request, Result, decode_reply
 
 EXTERNAL_RESET, POWER_ON = 0x02, 0x01
 

@@ -2,11 +2,11 @@
 
 import pytest
 
-from sesa2.imu.offsets import Offsets
-from sesa2.link.commands import Command, Request, Result, decode_reply
-from sesa2.link.errors import CommandError
 from sesa2.link.framing import FrameDecoder, encode_frame
+from sesa2.link.link_errors import CommandError
 from sesa2.link.packets import State
+from sesa2.link.requests import Command, Request, Result, decode_reply
+from sesa2.sensing.imu.bno055.offsets import Offsets
 
 OFFSETS = Offsets((-1, 2, -300), (400, -500, 600), (0, 1, -1), 1000, 480)
 REGISTERS = 0x55

@@ -5,8 +5,8 @@ from itertools import pairwise
 import pytest
 
 from bench import assert_no_gap, assert_quaternions_right
-from sesa2.link.commands import Configuration, FusionMode, Stream
 from sesa2.link.packets import State
+from sesa2.link.requests import Configuration, FusionMode, Stream
 
 
 def test_ten_seconds_of_eight_imus_at_100_hz(streaming):

@@ -8,10 +8,10 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from sesa2_msgs.msg import ImuCalibration
 from std_srvs.srv import Trigger
 
-from sesa2.imu.offsets import Offsets
-from sesa2.link.commands import Command
 from sesa2.link.packets import State
-from sesa2.nodes.qos import LATCHED
+from sesa2.link.requests import Command
+from sesa2.ros.qos import LATCHED
+from sesa2.sensing.imu.bno055.offsets import Offsets
 
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 

@@ -10,12 +10,12 @@ from sesa2_msgs.msg import ImuCalibration
 from simulated_board import FIRMWARE, SimulatedBoard
 from std_srvs.srv import Trigger
 
-from sesa2.imu.offsets import Offsets
-from sesa2.link.commands import Command
-from sesa2.link.errors import LinkError, ProtocolVersionError
+from sesa2.link.link_errors import LinkError, ProtocolVersionError
 from sesa2.link.packets import State
-from sesa2.link.port import SerialPort
-from sesa2.nodes.qos import LATCHED
+from sesa2.link.requests import Command
+from sesa2.link.serial_port import SerialPort
+from sesa2.ros.qos import LATCHED
+from sesa2.sensing.imu.bno055.offsets import Offsets
 
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 RUN = [State.RUN] * len(IDS)

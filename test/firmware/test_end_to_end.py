@@ -6,13 +6,13 @@ import time
 import numpy as np
 import pytest
 import yaml
-from nodes.conftest import ros_graph
+from graph_fixtures import ros_graph
 from processes import command
 from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import JointState
 from simulated_board import SimulatedBoard
 
-from sesa2.nodes.qos import STREAM
+from sesa2.ros.qos import STREAM
 
 LENGTH = 0.66
 POSITIONS = np.arange(1, 9) * 0.08

@@ -5,11 +5,11 @@ import time
 import pytest
 from simulated_board import SimulatedBoard, SimulatorError
 
-from sesa2.link import board as link_board
-from sesa2.link.commands import Command, Configuration, FusionMode, Request, Stream
+from sesa2.link import board_client as link_board
 from sesa2.link.framing import encode_frame
 from sesa2.link.packets import Data, State
-from sesa2.link.port import SerialPort
+from sesa2.link.requests import Command, Configuration, FusionMode, Request, Stream
+from sesa2.link.serial_port import SerialPort
 
 CONFIGURE = encode_frame(
     Request(Command.CONFIGURE, 1, Configuration(0xFF, 100, FusionMode.NDOF, 0).pack()).encode()

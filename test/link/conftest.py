@@ -6,9 +6,9 @@ import time
 import numpy as np
 import pytest
 
-from sesa2.link.virtual.arm import Arm
-from sesa2.link.virtual.board import VirtualBoard
 from sesa2.link.virtual.motion import ArmMotion
+from sesa2.link.virtual.virtual_arm import Arm
+from sesa2.link.virtual.virtual_board import VirtualBoard
 
 PATIENCE_S = 30
 """Generous: it is waited for conditions, never for a time."""

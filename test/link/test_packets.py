@@ -3,9 +3,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sesa2.imu.scores import Scores
-from sesa2.link.errors import PacketError
 from sesa2.link.framing import encode_frame
+from sesa2.link.link_errors import PacketError
 from sesa2.link.packets import (
     Acceleration,
     Data,
@@ -19,6 +18,7 @@ from sesa2.link.packets import (
     register_of,
     scores_of,
 )
+from sesa2.sensing.imu.bno055.scores import Scores
 
 # Channels 0 and 2: the first runs, (w, x, y, z) = (1, 0, 0, 0), all scores 3; the second is absent, 15 errors.
 DATA = bytes.fromhex(

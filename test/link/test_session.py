@@ -4,13 +4,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sesa2.imu.offsets import Offsets
-from sesa2.link.commands import FusionMode
-from sesa2.link.errors import CommandError, LinkError, ProtocolVersionError
+from sesa2.link.link_errors import CommandError, LinkError, ProtocolVersionError
 from sesa2.link.packets import State
-from sesa2.link.port import SerialPort
+from sesa2.link.requests import FusionMode
+from sesa2.link.serial_port import SerialPort
 from sesa2.link.session import LinkSettings, Session
 from sesa2.link.status import Level, OffsetsState
+from sesa2.sensing.imu.bno055.offsets import Offsets
 
 IDS = (1, 2, 3, 4)
 SAVED = {

@@ -8,7 +8,7 @@ from sesa2.configuration import files, validate
 from sesa2.errors import Sesa2Error
 from sesa2.estimation.estimator import Estimator
 from sesa2.estimation.sweeps import Sweep
-from sesa2.messages.imu import ImuMessages, read_imu, without_acceleration
+from sesa2.messages.imu_messages import ImuMessages, read_imu, without_acceleration
 from sesa2.messages.results import ResultMessages
 from sesa2.shape.rotations import normalize
 

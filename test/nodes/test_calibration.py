@@ -11,10 +11,10 @@ from std_srvs.srv import Trigger
 from virtual_arms import arm_of, halted, plausible
 
 from sesa2.configuration import ConfigurationError, validate
-from sesa2.imu.offsets import Offsets, OffsetsError, load_offsets, save_offsets
 from sesa2.nodes.calibration import CalibrationNode
-from sesa2.nodes.qos import LATCHED
 from sesa2.nodes.serial_bridge import SerialBridge
+from sesa2.ros.qos import LATCHED
+from sesa2.sensing.imu.bno055.offsets import Offsets, OffsetsError, load_offsets, save_offsets
 
 OLD = Offsets((9, 9, 9), (9, 9, 9), (9, 9, 9), 999, 999)
 NEW = Offsets((1, -2, 3), (400, -500, 600), (-7, 8, -9), 1001, 777)

@@ -15,9 +15,9 @@ from std_srvs.srv import Trigger
 from visualization_msgs.msg import MarkerArray
 
 from sesa2.configuration import ConfigurationError, files
-from sesa2.messages.imu import ImuMessages
+from sesa2.messages.imu_messages import ImuMessages
 from sesa2.nodes.estimator import EstimatorNode
-from sesa2.nodes.qos import LATCHED, STREAM
+from sesa2.ros.qos import LATCHED, STREAM
 from sesa2.shape.models import create_model
 from sesa2.shape.rotations import conjugate, from_rotation_vector, multiply, normalize
 

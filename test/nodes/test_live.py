@@ -12,10 +12,10 @@ from sensor_msgs.msg import JointState
 from virtual_arms import arm_of, halted, plausible
 
 from sesa2.configuration import validate
-from sesa2.link.virtual.arm import Arm
+from sesa2.link.virtual.virtual_arm import Arm
 from sesa2.nodes.estimator import EstimatorNode
-from sesa2.nodes.qos import STREAM
 from sesa2.nodes.serial_bridge import SerialBridge
+from sesa2.ros.qos import STREAM
 from sesa2.shape import rotations
 from sesa2.shape.models import create_model
 

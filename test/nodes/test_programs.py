@@ -13,7 +13,7 @@ from virtual_arms import arm_of
 
 from sesa2.bags.recording import open_recording
 from sesa2.configuration import files, validate
-from sesa2.link.port import SerialPort
+from sesa2.link.serial_port import SerialPort
 
 PROTOTYPE = REPOSITORY / 'config/prototype3_8.yaml'
 NODES = ('serial_bridge', 'estimator', 'calibration', 'recorder', 'player')

@@ -17,11 +17,11 @@ from sesa2.bags.recording import open_recording
 from sesa2.bags.replay import replay
 from sesa2.configuration import ConfigurationError, files, validate
 from sesa2.errors import Sesa2Error
-from sesa2.messages.imu import ImuMessages
+from sesa2.messages.imu_messages import ImuMessages
 from sesa2.nodes.estimator import EstimatorNode
-from sesa2.nodes.qos import LATCHED, STREAM
 from sesa2.nodes.recorder import Recorder
 from sesa2.nodes.serial_bridge import SerialBridge
+from sesa2.ros.qos import LATCHED, STREAM
 
 KINDS = ('joint_states', 'markers', 'tip', 'shape')
 

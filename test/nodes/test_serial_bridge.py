@@ -12,10 +12,10 @@ from std_srvs.srv import Trigger
 from virtual_arms import arm_of, halted, plausible
 
 from sesa2.configuration import files, validate
-from sesa2.imu.offsets import Offsets, OffsetsError, save_offsets
-from sesa2.link.port import SerialPort
-from sesa2.nodes.qos import LATCHED, STREAM
+from sesa2.link.serial_port import SerialPort
 from sesa2.nodes.serial_bridge import SerialBridge
+from sesa2.ros.qos import LATCHED, STREAM
+from sesa2.sensing.imu.bno055.offsets import Offsets, OffsetsError, save_offsets
 
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 IDS = (2, 3, 5)

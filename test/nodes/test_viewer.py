@@ -17,14 +17,14 @@ from nav_msgs.msg import Path as PathMessage
 from sensor_msgs.msg import Imu
 
 from sesa2.configuration import files, validate
-from sesa2.imu.offsets import load_offsets
-from sesa2.messages.imu import ImuMessages
+from sesa2.messages.imu_messages import ImuMessages
 from sesa2.nodes.estimator import EstimatorNode
-from sesa2.nodes.qos import STREAM
-from sesa2.nodes.runtime import Spinner
-from sesa2.nodes.system import System
-from sesa2.nodes.system_node import SystemNode
+from sesa2.ros.qos import STREAM
+from sesa2.ros.spinning import Spinner
+from sesa2.sensing.imu.bno055.offsets import load_offsets
 from sesa2.shape.rotations import from_rotation_vector, multiply
+from sesa2.system.remote_control import SystemNode
+from sesa2.system.wiring import System
 
 pytest.importorskip('viser', reason='viser is not installed: pip install sesa2[viewer]')
 

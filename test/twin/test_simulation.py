@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from sesa2.configuration.files import find, load
-from sesa2.imu.error_model import Bno055Errors, orientations_at
-from sesa2.imu.mounting import Mounting
+from sesa2.sensing.imu.error_model import Bno055Errors, orientations_at
+from sesa2.sensing.imu.mounting import Mounting
 from sesa2.shape.models import create_model
 from sesa2.shape.rotations import conjugate, from_rotation_vector, multiply, to_rotation_vector
 from sesa2.twin.simulation import simulate

@@ -3,7 +3,7 @@
 import time
 
 from sesa2.configuration import validate
-from sesa2.imu.scores import Scores
+from sesa2.sensing.imu.bno055.scores import Scores
 from sesa2.viewer.live import Diagnostic, Live
 from sesa2.viewer.readings import calibration_html, complaints_html, rates_html, state_html
 

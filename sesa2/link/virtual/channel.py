@@ -2,8 +2,8 @@
 
 from collections.abc import Callable
 
-from sesa2.link.commands import Command, Request, Result
 from sesa2.link.packets import State
+from sesa2.link.requests import Command, Request, Result
 from sesa2.link.virtual.chip import Chip
 
 NEVER = 1 << 62

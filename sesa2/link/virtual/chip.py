@@ -3,10 +3,10 @@
 from dataclasses import dataclass, field
 from random import Random
 
-from sesa2.imu.offsets import Offsets
-from sesa2.imu.scores import Scores
-from sesa2.link.commands import FusionMode
 from sesa2.link.packets import register_of
+from sesa2.link.requests import FusionMode
+from sesa2.sensing.imu.bno055.offsets import Offsets
+from sesa2.sensing.imu.bno055.scores import Scores
 
 BOOT_US = 650_000
 _CONFIG = 0x00

@@ -8,7 +8,17 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
-from sesa2.link.commands import (
+from sesa2.link.framing import FrameDecoder, encode_frame
+from sesa2.link.link_errors import PacketError
+from sesa2.link.packets import (
+    VERSION,
+    State,
+    Sweep,
+    encode_acceleration,
+    encode_data,
+    ids_of,
+)
+from sesa2.link.requests import (
     Command,
     Configuration,
     FusionMode,
@@ -20,20 +30,10 @@ from sesa2.link.commands import (
     Stream,
     decode_request,
 )
-from sesa2.link.errors import PacketError
-from sesa2.link.framing import FrameDecoder, encode_frame
-from sesa2.link.packets import (
-    VERSION,
-    State,
-    Sweep,
-    encode_acceleration,
-    encode_data,
-    ids_of,
-)
-from sesa2.link.virtual.arm import accelerations
 from sesa2.link.virtual.channel import NEVER, Channel
 from sesa2.link.virtual.chip import Chip
 from sesa2.link.virtual.motion import FloatArray
+from sesa2.link.virtual.virtual_arm import accelerations
 
 FIRMWARE = (1, 0)
 _READ_IMU_US = {0: 525, 1: 1_475}  # one IMU's share of a sweep at 400 and at 100 kHz

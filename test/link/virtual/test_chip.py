@@ -2,11 +2,11 @@ from random import Random
 
 import pytest
 
-from sesa2.imu.offsets import Offsets
-from sesa2.imu.scores import Scores
-from sesa2.link.commands import FusionMode
 from sesa2.link.packets import scores_of
+from sesa2.link.requests import FusionMode
 from sesa2.link.virtual.chip import BOOT_US, Chip
+from sesa2.sensing.imu.bno055.offsets import Offsets
+from sesa2.sensing.imu.bno055.scores import Scores
 
 OFFSETS = Offsets((1, 2, 3), (4, 5, 6), (7, 8, 9), 10, 11).to_registers()
 FULL_US = 12_000_000

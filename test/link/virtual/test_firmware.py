@@ -5,7 +5,9 @@ from random import Random
 import numpy as np
 import pytest
 
-from sesa2.link.commands import (
+from sesa2.link.framing import FrameDecoder, encode_frame
+from sesa2.link.packets import Acceleration, Data, State, decode_stream, mask_of
+from sesa2.link.requests import (
     Command,
     Configuration,
     FusionMode,
@@ -17,12 +19,10 @@ from sesa2.link.commands import (
     decode_reply,
     is_reply,
 )
-from sesa2.link.framing import FrameDecoder, encode_frame
-from sesa2.link.packets import Acceleration, Data, State, decode_stream, mask_of
-from sesa2.link.virtual.arm import Arm
 from sesa2.link.virtual.chip import BOOT_US, Chip
 from sesa2.link.virtual.firmware import Firmware
 from sesa2.link.virtual.motion import ArmMotion
+from sesa2.link.virtual.virtual_arm import Arm
 
 MS = 1000
 OFFSETS = bytes(range(22))

@@ -1,7 +1,7 @@
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from sesa2.link.virtual.arm import Arm, accelerations
+from sesa2.link.virtual.virtual_arm import Arm, accelerations
 
 RNG = np.random.default_rng(0)
 

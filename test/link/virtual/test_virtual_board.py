@@ -4,11 +4,11 @@ import time
 import numpy as np
 import pytest
 
-from sesa2.link.board import Board
-from sesa2.link.commands import Configuration, FusionMode, Stream
-from sesa2.link.errors import LinkError
+from sesa2.link.board_client import Board
+from sesa2.link.link_errors import LinkError
 from sesa2.link.packets import State, mask_of
-from sesa2.link.port import SerialPort
+from sesa2.link.requests import Configuration, FusionMode, Stream
+from sesa2.link.serial_port import SerialPort
 
 
 def stream(virtual, count):

@@ -1,0 +1,68 @@
+"""A simulated trial as a bag: what the IMUs measured, and the true positions of the markers."""
+
+from pathlib import Path
+
+import numpy as np
+
+from sesa2.bags.definitions import POSE_ARRAY, STRING
+from sesa2.bags.writing import new_bag
+from sesa2.configuration import Configuration, files
+from sesa2.messages.cdr import Layout
+from sesa2.messages.imu_messages import TYPE as IMU
+from sesa2.messages.imu_messages import ImuMessages
+from sesa2.twin.trial import Trial
+
+TRUTH_TOPIC = '/truth/markers'
+TRIAL_FILE = 'trial.npz'
+# The trial's clock begins at zero, which ROS takes for "no stamp".
+START_NS = 1_700_000_000 * 10**9
+
+
+def write_trial(trial: Trial, configuration: Configuration, out: str | Path) -> None:
+    """Write a trial as a bag whose folder also holds the trial itself.
+
+    Parameters
+    ----------
+    trial
+        the trial.
+    configuration
+        that it was made with; the first message.
+    out
+        folder of the new bag.
+
+    Raises
+    ------
+    Sesa2Error
+        the folder exists, or cannot be written.
+    """
+    with new_bag(out) as bag:
+        text = Layout().string(files.dump(configuration)).template()
+        messages = []
+        for k, imu in enumerate(trial.sensor_ids.tolist()):
+            topic = bag.add_topic(f'/imu_{imu}/data', IMU)
+            rows = ImuMessages(f'imu_{imu}').make_many(_stamps(trial.stamps[:, k]), trial.measured[:, k])
+            messages += [
+                (stamp, topic, row) for stamp, row in zip(_stamps(trial.stamps[:, k]), rows, strict=True)
+            ]
+        poses = np.zeros((len(trial.truth_times), len(trial.marker_names), 7))
+        poses[..., :3] = trial.markers
+        poses[..., 6] = 1.0
+        n = poses.shape[1]
+        truth = Layout().header('world').uint32(n).doubles(7 * n).template()
+        topic = bag.add_topic(TRUTH_TOPIC, POSE_ARRAY)
+        stamps = _stamps(trial.truth_times)
+        messages += [
+            (stamp, topic, row)
+            for stamp, row in zip(stamps, truth.make(stamps, poses.reshape(len(stamps), -1)), strict=True)
+        ]
+        messages.sort(key=lambda message: message[0])
+        first = messages[0][0]
+        topic = bag.add_topic('/configuration', STRING, latched=True)
+        bag.write(topic, int(first), text.make(np.array([first]), np.zeros((1, 0)))[0].tobytes())
+        for stamp, topic, row in messages:
+            bag.write(topic, int(stamp), row.tobytes())
+        trial.save(bag.path / TRIAL_FILE)
+
+
+def _stamps(seconds: np.ndarray) -> np.ndarray:
+    return START_NS + np.round(seconds * 1e9).astype(np.int64)

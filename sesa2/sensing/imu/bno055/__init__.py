@@ -1,0 +1,1 @@
+"""What is particular to the BNO055: its calibration scores, its offsets and their file."""

@@ -1,0 +1,121 @@
+"""What `sesa2 run` does: start the system, keep it going, end it."""
+
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable
+from contextlib import ExitStack
+from functools import partial
+
+from sesa2.configuration import Configuration
+from sesa2.errors import Sesa2Error
+from sesa2.ros.spinning import Spinner, ros
+from sesa2.system.remote_control import SystemNode
+from sesa2.system.terminal import Status
+from sesa2.system.wiring import System
+from sesa2.viewer.web_port import LOOPBACK, check_port
+
+# The link's thread and the executor take turns: Python's 5 ms would be as long as a result may take.
+_SWITCH_S = 0.0005
+
+
+def run(
+    configuration: Configuration,
+    stop: threading.Event,
+    duration: float | None = None,
+    *,
+    viewer_port: int | None = None,
+) -> None:
+    """Run until asked to stop, the end of the bag or the given time.
+
+    Parameters
+    ----------
+    configuration
+        says by its source, mode and files which nodes are wanted.
+    stop
+        set from outside, to end.
+    duration
+        s; None: no end.
+    viewer_port
+        show a page with a control panel on this port, 0: any that is free; then a failure of the system does not end
+        the run, since it can be mended there.
+
+    Raises
+    ------
+    Sesa2Error
+        a node cannot start, or cannot go on; or the page cannot be shown.
+    """
+    if viewer_port:
+        check_port(LOOPBACK, viewer_port)
+    ends = time.monotonic() + duration if duration else float('inf')
+    sys.setswitchinterval(_SWITCH_S)
+    with ros([]), Spinner() as spinner, ExitStack() as stack:
+        system = System(spinner)
+        stack.callback(system.stop)
+        if viewer_port is None:
+            system.start(configuration)
+            _spin(spinner, system, lambda: stop.is_set() or system.finished or time.monotonic() > ends)
+            if system.failure:
+                raise system.failure
+            return
+        node = SystemNode(system, configuration)
+        spinner.add(node)
+        viewer = stack.enter_context(_Viewer(viewer_port))
+        node.try_to_start()
+
+        def ended() -> bool:
+            if stop.is_set() or time.monotonic() > ends:
+                return True
+            node.look_after()
+            viewer.look_after()
+            return False
+
+        _spin(spinner, system, ended)
+
+
+def _spin(spinner: Spinner, system: System, ended: Callable[[], bool]) -> None:
+    """Spin until ended, with a line a second on the terminal about what runs."""
+    status = Status(system)
+    while not ended():
+        spinner.spin_once()
+        status.show_when_due()
+    if not system.failure:
+        status.show_summary()
+
+
+class _Viewer:
+    """The viewer, in a process of its own so that drawing never holds up a sweep; a context manager that ends it."""
+
+    def __init__(self, port: int):
+        self._again = f'python -m sesa2.nodes.viewer --ros-args -p port:={port}'
+        self._told = False
+        command = [sys.executable, '-m', 'sesa2.nodes.viewer', '--ros-args', '-p', f'port:={port}']
+        # Ctrl-C reaches it too, also while it loads its libraries; it is ended from here.
+        self._process = subprocess.Popen(
+            command, preexec_fn=partial(signal.signal, signal.SIGINT, signal.SIG_IGN)
+        )
+
+    def look_after(self) -> None:
+        """Without a page from the beginning there is no use in going on; a page that is lost later must stop nothing.
+
+        Raises
+        ------
+        Sesa2Error
+            it could not start.
+        """
+        code = self._process.poll()
+        if code is None or self._told:
+            return
+        self._told = True
+        if code > 0:
+            raise Sesa2Error('the page could not be shown')
+        print(f'the viewer has ended, the system goes on; `{self._again}` shows it again', file=sys.stderr)
+
+    def __enter__(self) -> '_Viewer':
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._process.terminate()
+        self._process.wait()

@@ -1,0 +1,99 @@
+"""One line a second on the terminal: what the system does, and how far it is from the truth where that is known."""
+
+import time
+
+import numpy as np
+
+from sesa2.configuration import Configuration
+from sesa2.shape.models import create_model
+from sesa2.shape.rotations import FloatArray, conjugate, rotate
+from sesa2.system.wiring import System
+
+_PERIOD_S = 1.0
+
+
+class Status:
+    """Prints rate of the IMUs, tip of every model, its distance from the truth, lost packets and calibration.
+
+    Parameters
+    ----------
+    system
+        what runs; its nodes are asked directly, since they are in this process.
+    """
+
+    def __init__(self, system: System):
+        self._system = system
+        self._due = self._last = time.monotonic()
+        self._received: dict[int, int] = {}
+
+    def show_when_due(self) -> None:
+        """Print the line, once a second."""
+        now = time.monotonic()
+        if now >= self._due:
+            self._due = now + _PERIOD_S
+            estimator = self._system.estimator
+            if estimator.latest if estimator else self._scores():
+                parts = [
+                    part for part in (self._rates(now), self._tips(), self._link(), self._scores()) if part
+                ]
+                print(' | '.join(parts))
+            self._last = now
+
+    def show_summary(self) -> None:
+        """Print what the whole run came to."""
+        parts = []
+        if estimator := self._system.estimator:
+            parts.append(f'{estimator.n_sweeps} sweeps estimated')
+            parts += [f'{n} samples dropped: {why}' for why, n in estimator.assembler.dropped.items()]
+        if self._system.bridge:
+            parts.append(self._link())
+        print('done' + ''.join(f'; {part}' for part in parts))
+
+    def _rates(self, now: float) -> str:
+        estimator = self._system.estimator
+        if not estimator:
+            return ''
+        received = dict(estimator.received)
+        elapsed = now - self._last
+        rates = [
+            max(0, received.get(i, 0) - self._received.get(i, 0)) / elapsed if elapsed else 0.0
+            for i in estimator.configuration.imus.ids
+        ]
+        self._received = received
+        return 'Hz ' + ' '.join(f'{rate:.0f}' for rate in rates)
+
+    def _tips(self) -> str:
+        estimator = self._system.estimator
+        if estimator is None or estimator.latest is None:
+            return ''
+        truth = self._true_tip(int(estimator.latest.stamps_ns[0]), estimator.configuration)
+        parts = []
+        for name, result in estimator.latest.models.items():
+            tip = result.ends[0, -1]
+            off = '' if truth is None else f' ({1e3 * np.linalg.norm(tip - truth):.1f} mm off)'
+            parts.append(f'{name} tip ' + ' '.join(f'{v:+.3f}' for v in tip) + ' m' + off)
+        return ' | '.join(parts)
+
+    def _true_tip(self, stamp_ns: int, c: Configuration) -> FloatArray | None:
+        """Where the tip was that the virtual board plays, in the output frame; (3,), m."""
+        board = self._system.board
+        if board is None or c.run.trial:  # the arm of a trial is no arcs: its truth is in the trial
+            return None
+        # Stamps are of the wall clock; the board knows the monotonic one.
+        monotonic_ns = stamp_ns - (time.time_ns() - time.monotonic_ns())
+        orientations = board.truth(board.motion_time(monotonic_ns))[-len(c.imus.ids) :]
+        tip = create_model('pcc_exact', c.geometry).fit(orientations, c.base).positions([c.arm.length])[0]
+        return tip if c.frame_id == 'world' else rotate(conjugate(c.base), tip)
+
+    def _link(self) -> str:
+        bridge = self._system.bridge
+        if not bridge:
+            return ''
+        counters = bridge.session.counters()
+        return f'lost {counters.lost_sweeps} sweeps, {counters.frame_errors.total} frames damaged'
+
+    def _scores(self) -> str:
+        bridge = self._system.bridge
+        imus = bridge.session.imus() if bridge else {}
+        worst = [min(status.scores) for status in imus.values()]
+        return 'calibration ' + ' '.join(map(str, worst)) if worst else ''

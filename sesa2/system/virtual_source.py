@@ -1,0 +1,56 @@
+"""The virtual board that belongs to a configuration."""
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from sesa2.bags.trial_bag import TRIAL_FILE
+from sesa2.configuration import Configuration
+from sesa2.errors import Sesa2Error
+from sesa2.link.virtual.motion import ArmMotion, Motion
+from sesa2.link.virtual.virtual_arm import Arm
+from sesa2.link.virtual.virtual_board import VirtualBoard
+from sesa2.shape.rotations import FloatArray
+from sesa2.twin.trial import Trial
+
+
+def make_virtual_board(c: Configuration, link: Path | None = None) -> VirtualBoard:
+    """A virtual board with the configuration's IMUs, on a plausible arm that moves.
+
+    Parameters
+    ----------
+    c
+        its IMUs, mountings and headings; what the estimator corrects is what the board plays. With `run.trial`, the
+        motion of that trial.
+    link
+        name to give the pseudo-terminal.
+    """
+    ids, positions, mountings, headings = c.imus.ids, c.imus.positions, c.mountings, c.headings
+    if c.imus.base_id:  # a chip on the clamp too, the first
+        ids, positions = (c.imus.base_id, *ids), (0.0, *positions)
+        mountings = np.vstack([c.imus.base_mount_orientation, mountings])
+        headings = np.concatenate([[0.0], headings])
+    motion = _recorded(c) if c.run.trial else ArmMotion(positions, c.base)
+    arm = Arm(ids, motion, mount_orientations=mountings, headings=headings)
+    return VirtualBoard(arm, link=link)
+
+
+def _recorded(c: Configuration) -> Motion:
+    """The true motion of a simulated trial; held at its end."""
+    path = Path(c.run.trial)
+    trial = Trial.load(path / TRIAL_FILE if path.is_dir() else path)
+    expected, got = c.imus.positions, trial.imu_positions.tolist()
+    if len(expected) != len(got) or not np.allclose(expected, got, atol=1e-6):
+        raise Sesa2Error(
+            f'{path}: IMUs at {got} m, expected those of the configuration at {list(expected)} m'
+        )
+
+    def motion(t: ArrayLike) -> FloatArray:
+        t = np.asarray(t, dtype=float)
+        links = trial.motion(t.ravel()).reshape(*t.shape, -1, 4)
+        if not c.imus.base_id:
+            return links
+        return np.concatenate([np.broadcast_to(trial.base, (*t.shape, 1, 4)), links], axis=-2)
+
+    return motion

@@ -1,0 +1,190 @@
+"""The nodes that a configuration asks for, wired in one process."""
+
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, TypeVar
+
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+from sesa2.bags.reading import ImuRecording
+from sesa2.bags.recording import open_recording
+from sesa2.configuration import Configuration, ConfigurationError, Mistake
+from sesa2.errors import Sesa2Error
+from sesa2.link.virtual.virtual_board import VirtualBoard
+from sesa2.nodes.calibration import CalibrationNode
+from sesa2.nodes.estimator import EstimatorNode
+from sesa2.nodes.player import Player
+from sesa2.nodes.recorder import Recorder
+from sesa2.nodes.serial_bridge import SerialBridge
+from sesa2.ros.parameters import overrides
+from sesa2.ros.spinning import Spinner
+from sesa2.system.virtual_source import make_virtual_board
+
+_Node = TypeVar('_Node', bound=Node)
+
+# A Mega's boot loader takes up to 3 s before the firmware answers.
+_BOARD_PATIENCE_S = 5.0
+
+
+class System:
+    """The nodes of a configuration, started and stopped together.
+
+    Parameters
+    ----------
+    spinner
+        runs the nodes.
+
+    Attributes
+    ----------
+    nodes
+        those that run now.
+    board
+        the virtual board, where the source is `sim`.
+    configuration
+        of what runs, or ran last; None before the first start.
+    """
+
+    def __init__(self, spinner: Spinner):
+        self._spinner = spinner
+        self._options: dict[str, Any] = {}
+        self.nodes: list[Node] = []
+        self.board: VirtualBoard | None = None
+        self.configuration: Configuration | None = None
+
+    @property
+    def failure(self) -> Sesa2Error | None:
+        """Why a node cannot go on; None while all can."""
+        return next((failure for node in self.nodes if (failure := getattr(node, 'failure', None))), None)
+
+    @property
+    def finished(self) -> bool:
+        """Whether a node has come to its end: a bag that was played, a link that cannot be made."""
+        return any(getattr(node, 'finished', False) for node in self.nodes)
+
+    def start(self, configuration: Configuration) -> None:
+        """Start the nodes that a configuration asks for.
+
+        Raises
+        ------
+        Sesa2Error
+            one cannot start; then none runs.
+        """
+        self.configuration = configuration
+        try:
+            if configuration.run.source == 'sim':
+                self.board = make_virtual_board(configuration)
+                serial = replace(configuration.serial, port=self.board.path)
+                configuration = replace(configuration, serial=serial)
+            if configuration.run.source == 'bag':
+                # Seen before the recorder makes a bag that nothing would go into.
+                with open_recording(configuration.run.bag) as recording:
+                    ImuRecording(recording)
+            self._options = {'parameter_overrides': overrides(configuration), 'use_global_arguments': False}
+            for make in _wanted(configuration):
+                self._keep(make(**self._options))
+        except Sesa2Error:
+            self.stop()
+            raise
+
+    def wait_until_it_runs(self) -> None:
+        """Wait until the board streams or the recording plays, where there is one, or it is known that it will not.
+
+        Raises
+        ------
+        Sesa2Error
+            it will not; then nothing runs.
+        """
+        bridge, player, deadline = self.bridge, self._running(Player), time.monotonic() + _BOARD_PATIENCE_S
+        while time.monotonic() < deadline and (
+            (bridge and not (bridge.session.connected or bridge.finished))
+            or (player and not (player.n_played or player.finished or player.failure))
+        ):
+            time.sleep(0.02)
+        if failure := self.failure:
+            self.stop()
+            raise failure
+
+    def stop(self) -> None:
+        """End all nodes, the last started first."""
+        while self.nodes:
+            self._spinner.remove(self.nodes.pop())
+        if self.board:
+            self.board.close()
+            self.board = None
+
+    def record(self, file: str) -> Path:
+        """Start recording into a new bag; its path.
+
+        Raises
+        ------
+        Sesa2Error
+            it cannot be written, nothing runs, or a recording is going on.
+        """
+        if self.recorder:
+            raise Sesa2Error(f'recording into {self.recorder.path} already')
+        if not self.nodes:
+            raise Sesa2Error('nothing runs that could be recorded')
+        if not file:
+            raise ConfigurationError([Mistake('record.file', 'is empty, expected a bag to write')])
+        given = [p for p in self._options['parameter_overrides'] if p.name != 'record.file']
+        recorder = Recorder(
+            **{**self._options, 'parameter_overrides': [*given, Parameter('record.file', value=file)]}
+        )
+        self._keep(recorder)
+        return recorder.path
+
+    def stop_recording(self) -> Path:
+        """Make the bag whole; its path.
+
+        Raises
+        ------
+        Sesa2Error
+            nothing is being recorded.
+        """
+        recorder = self.recorder
+        if recorder is None:
+            raise Sesa2Error('nothing is being recorded')
+        self.nodes.remove(recorder)
+        self._spinner.remove(recorder)
+        return recorder.path
+
+    @property
+    def estimator(self) -> EstimatorNode | None:
+        """The estimator, where one runs."""
+        return self._running(EstimatorNode)
+
+    @property
+    def bridge(self) -> SerialBridge | None:
+        """The serial bridge, where one runs."""
+        return self._running(SerialBridge)
+
+    @property
+    def recorder(self) -> Recorder | None:
+        """The recorder, where one runs."""
+        return self._running(Recorder)
+
+    def _running(self, kind: type[_Node]) -> _Node | None:
+        return next((node for node in self.nodes if isinstance(node, kind)), None)
+
+    def _keep(self, node: Node) -> None:
+        self.nodes.append(node)
+        self._spinner.add(node)
+
+
+def _wanted(c: Configuration) -> list[Callable[..., Node]]:
+    """Listeners first, so that nothing which is said is missed."""
+    wanted: list[Callable[..., Node]] = []
+    if c.run.mode == 'stream':
+        if c.record.file:
+            wanted.append(Recorder)
+        wanted.append(EstimatorNode)
+    if c.run.source == 'bag':
+        wanted.append(Player)
+    if c.run.source in ('sim', 'serial'):
+        if c.calibration.file:
+            wanted.append(CalibrationNode)
+        wanted.append(SerialBridge)
+    return wanted

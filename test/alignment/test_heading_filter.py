@@ -1,0 +1,93 @@
+"""The heading filter: follows drift, looks at the past alone, and leaves alone what it cannot tell."""
+
+import numpy as np
+import pytest
+from moving_arm import measure, moving_arm, rms_degrees
+
+from sesa2.alignment.heading_filter import DRIFT_STD, HeadingFilter
+from sesa2.shape.rotations import IDENTITY, from_rotation_vector, multiply
+
+
+@pytest.fixture
+def rng():
+    return np.random.default_rng(12)
+
+
+def drifting(rng, **options):
+    motion = moving_arm(rng, seconds=120.0, **options)
+    q, errors = measure(rng, motion.links, mounting=0.0, heading=0.0, drift=3.0, tilt=0.3)
+    return motion, q, np.ones(q.shape[:2], bool), errors
+
+
+@pytest.mark.parametrize(
+    'base', [IDENTITY, np.array([0.0, np.sqrt(0.5), 0.0, np.sqrt(0.5)])], ids=['up', 'flat']
+)
+def test_drift_is_followed(rng, base):
+    motion, q, measured, errors = drifting(rng, base=base)
+    heading_filter = HeadingFilter(motion.arm)
+    got = heading_filter.correct(motion.stamps, q, measured, motion.base)
+    assert rms_degrees(got, motion.links) < 0.75 * rms_degrees(q, motion.links)
+    left = heading_filter.headings - errors.heading[-1]
+    assert (np.abs(left) < 4.0 * np.sqrt(np.diag(heading_filter.covariance))).all()
+
+
+def test_an_arm_that_twists_is_corrected_less(rng):
+    motion, q, measured, _ = drifting(rng, twist=0.3)
+    got = HeadingFilter(motion.arm).correct(motion.stamps, q, measured, motion.base)
+    assert rms_degrees(got, motion.links) < 1.1 * rms_degrees(q, motion.links)
+
+
+def test_the_future_does_not_matter(rng):
+    """Sweep by sweep, in batches and cut short: all the same."""
+    motion, q, measured, _ = drifting(rng)
+    whole = HeadingFilter(motion.arm).correct(motion.stamps, q, measured, motion.base)
+    in_parts = HeadingFilter(motion.arm)
+    parts = [
+        in_parts.correct(motion.stamps[a : a + 77], q[a : a + 77], measured[a : a + 77], motion.base)
+        for a in range(0, 770, 77)
+    ]
+    np.testing.assert_array_equal(np.concatenate(parts), whole[:770])
+    one = HeadingFilter(motion.arm)
+    for i in range(200):
+        headings = one.update(motion.stamps[i], q[i], measured[i], motion.base)
+        unturn = from_rotation_vector(np.outer(-headings, [0.0, 0.0, 1.0]))
+        np.testing.assert_allclose(multiply(unturn, q[i]), whole[i], atol=1e-15)
+
+
+def test_a_looped_recording_begins_anew(rng):
+    motion, q, measured, _ = drifting(rng)
+    heading_filter = HeadingFilter(motion.arm)
+    first = heading_filter.correct(motion.stamps, q, measured, motion.base)
+    again = heading_filter.correct(motion.stamps, q, measured, motion.base)
+    np.testing.assert_array_equal(again, first)
+
+
+def test_an_imu_that_is_silent_keeps_what_it_had_and_forgets_it(rng):
+    motion, q, measured, _ = drifting(rng)
+    heading_filter = HeadingFilter(motion.arm)
+    heading_filter.correct(motion.stamps[:1200], q[:1200], measured[:1200], motion.base)
+    had = heading_filter.headings[5]
+    measured[1200:, 5] = False
+    q[1200:, 5] = np.nan
+    heading_filter.correct(motion.stamps[1200:], q[1200:], measured[1200:], motion.base)
+    assert np.isfinite(heading_filter.headings).all()
+    assert abs(heading_filter.headings[5]) < abs(had) + 0.5 * DRIFT_STD
+    assert heading_filter.covariance[5, 5] > heading_filter.covariance[4, 4]
+
+
+def test_no_imu_at_all_leaves_everything_open(rng):
+    motion, q, measured, _ = drifting(rng)
+    heading_filter = HeadingFilter(motion.arm)
+    got = heading_filter.correct(motion.stamps, q, measured & False, motion.base)
+    np.testing.assert_array_equal(got, q)
+    np.testing.assert_allclose(heading_filter.covariance, DRIFT_STD**2 * np.eye(8), atol=1e-15)
+
+
+def test_a_damaged_sample_does_not_throw_it_off(rng):
+    motion, q, measured, _ = drifting(rng)
+    clean = HeadingFilter(motion.arm)
+    clean.correct(motion.stamps[:1201], q[:1201], measured[:1201], motion.base)
+    q[1200, 2] = [1.0, 0.0, 0.0, 0.0]
+    hit = HeadingFilter(motion.arm)
+    hit.correct(motion.stamps[:1201], q[:1201], measured[:1201], motion.base)
+    assert np.rad2deg(np.abs(hit.headings - clean.headings).max()) < 0.5
