@@ -3,7 +3,7 @@
 import numpy as np
 
 from sesa2.link.virtual.motion import ArmMotion
-from sesa2.link.virtual.virtual_arm import Arm
+from sesa2.link.virtual.virtual_arm import VirtualArm
 
 
 def halted(q):
@@ -19,7 +19,7 @@ def plausible(configuration, t):
 def arm_of(configuration, motion=None, **options):
     """The arm with the configuration's IMUs; moving as in the thesis where no motion is given."""
     c = configuration
-    return Arm(
+    return VirtualArm(
         c.imus.ids,
         motion or ArmMotion(c.imus.positions, c.base),
         mount_orientations=c.mountings,

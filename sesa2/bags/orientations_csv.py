@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from sesa2.bags.topics import Message, Topic
+from sesa2.bags.topics import Message, RecordedTopic
 from sesa2.errors import Sesa2Error
 from sesa2.messages.imu_messages import TYPE, ImuMessages
 
@@ -52,7 +52,8 @@ class OrientationsCsv:
             for k in range(quaternions.shape[1])
         }
         self.topics = {
-            name: Topic(TYPE, int(np.isfinite(q).all(axis=-1).sum())) for name, q in self._measured.items()
+            name: RecordedTopic(TYPE, int(np.isfinite(q).all(axis=-1).sum()))
+            for name, q in self._measured.items()
         }
 
     def messages(self, topics: Collection[str]) -> Iterator[Message]:

@@ -12,7 +12,7 @@ import numpy as np
 from rosbags.rosbag1 import Reader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from sesa2.bags.topics import Message, Topic
+from sesa2.bags.topics import Message, RecordedTopic
 from sesa2.errors import Sesa2Error
 from sesa2.messages.imu_messages import TYPE, ImuMessages
 
@@ -72,7 +72,7 @@ class PredecessorBag:
                 f'{path}: {below} samples of IDs below the first ID {self._first} are not used'
             )
         self.topics = {
-            self._name(id_): Topic(TYPE, n) for id_, n in sorted(counts.items()) if id_ >= self._first
+            self._name(id_): RecordedTopic(TYPE, n) for id_, n in sorted(counts.items()) if id_ >= self._first
         }
 
     def _name(self, bag_id: int) -> str:

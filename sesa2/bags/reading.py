@@ -172,7 +172,7 @@ def read_poses(path: str | Path, topic: str) -> Poses:
     return Poses(np.array(times) / NS, np.array(positions, dtype=float).reshape(len(times), -1, 3), frame)
 
 
-def read_path(path: str | Path, topic: str, index: int) -> FloatArray:
+def read_backbone(path: str | Path, topic: str, index: int) -> FloatArray:
     """Positions of one message of a nav_msgs/Path.
 
     Parameters

@@ -13,7 +13,7 @@ from sesa2.estimation.estimator import Estimator
 from sesa2.shape.rotations import FloatArray
 
 
-class Sweeps(NamedTuple):
+class RecordedSweeps(NamedTuple):
     """Sweeps in order of time.
 
     Attributes
@@ -37,7 +37,9 @@ class Sweeps(NamedTuple):
     problems: list[str]
 
 
-def read_sweeps(path: str | Path, configuration: Configuration, first_id: int | None = None) -> Sweeps:
+def read_sweeps(
+    path: str | Path, configuration: Configuration, first_id: int | None = None
+) -> RecordedSweeps:
     """Read a whole recording.
 
     Parameters
@@ -70,7 +72,7 @@ def read_sweeps(path: str | Path, configuration: Configuration, first_id: int | 
         ]
     if not sweeps:
         raise Sesa2Error(f'{path}: no sweep of the configured IMUs; {"; ".join(problems) or "no samples"}')
-    return Sweeps(
+    return RecordedSweeps(
         np.array([s.stamp_ns for s in sweeps]),
         np.stack([s.orientations for s in sweeps]),
         np.stack([s.measured for s in sweeps]),

@@ -8,7 +8,7 @@ from rosbags.rosbag2 import Reader
 
 from sesa2.bags.orientations_csv import OrientationsCsv
 from sesa2.bags.predecessor import PredecessorBag
-from sesa2.bags.topics import Message, Part, Topic, absolute, is_latched
+from sesa2.bags.topics import Message, Part, RecordedTopic, absolute, is_latched
 from sesa2.bags.unfinished import UnfinishedMcap
 from sesa2.errors import Sesa2Error
 
@@ -28,7 +28,7 @@ class Recording:
         self.path = path
         self._parts = parts
         self._problems = problems
-        self.topics: dict[str, Topic] = {}
+        self.topics: dict[str, RecordedTopic] = {}
         for part in parts:
             for name, topic in part.topics.items():
                 before = self.topics[name].count if name in self.topics else 0
@@ -137,7 +137,7 @@ class _Rosbag2:
 
     def __init__(self, path: Path):
         self._path = path
-        self.topics: dict[str, Topic] = {}
+        self.topics: dict[str, RecordedTopic] = {}
         self.problems: list[str] = []
         try:
             self._reader = Reader(path)
@@ -150,7 +150,7 @@ class _Rosbag2:
         for connection in self._reader.connections:
             name = self._names[connection.id]
             count = connection.msgcount + (self.topics[name].count if name in self.topics else 0)
-            self.topics[name] = Topic(
+            self.topics[name] = RecordedTopic(
                 connection.msgtype, count, is_latched(connection.ext.offered_qos_profiles)
             )
 

@@ -18,7 +18,7 @@ class Message(NamedTuple):
     data: bytes
 
 
-class Topic(NamedTuple):
+class RecordedTopic(NamedTuple):
     """Type and number of messages; latched: a late subscriber is given the last one."""
 
     type: str
@@ -37,7 +37,7 @@ class Part(Protocol):
         what could not be read, for people; complete once all messages have been read.
     """
 
-    topics: dict[str, Topic]
+    topics: dict[str, RecordedTopic]
     problems: list[str]
 
     def messages(self, topics: Collection[str]) -> Iterator[Message]:

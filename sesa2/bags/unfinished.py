@@ -10,7 +10,7 @@ from mcap.records import Message as McapMessage
 from mcap.stream_reader import StreamReader
 from rosbags.rosbag2.metadata import parse_qos
 
-from sesa2.bags.topics import Message, Topic, absolute, is_latched
+from sesa2.bags.topics import Message, RecordedTopic, absolute, is_latched
 from sesa2.errors import Sesa2Error
 
 NS = 1_000_000_000
@@ -34,7 +34,7 @@ class UnfinishedMcap:
 
     def __init__(self, path: Path):
         self._path = path
-        self.topics: dict[str, Topic] = {}
+        self.topics: dict[str, RecordedTopic] = {}
         self.problems: list[str] = []
         counts: Counter[str] = Counter()
         first, last = math.inf, -math.inf
@@ -49,7 +49,7 @@ class UnfinishedMcap:
         """Messages of these topics."""
         return (message for message in self._messages({}, []) if message.topic in topics)
 
-    def _messages(self, topics: dict[str, Topic], problems: list[str]) -> Iterator[Message]:
+    def _messages(self, topics: dict[str, RecordedTopic], problems: list[str]) -> Iterator[Message]:
         """All messages; notes the topics, and what is not whole."""
         schemas: dict[int, str] = {}
         channels: dict[int, tuple[str, str]] = {}
@@ -80,7 +80,7 @@ class UnfinishedMcap:
                 whole = file.tell()
 
     def _channel(
-        self, channel: Channel, schemas: dict[int, str], topics: dict[str, Topic]
+        self, channel: Channel, schemas: dict[int, str], topics: dict[str, RecordedTopic]
     ) -> tuple[str, str]:
         """Note a topic; its name and type."""
         name, type_name = absolute(channel.topic), schemas[channel.schema_id]
@@ -89,7 +89,7 @@ class UnfinishedMcap:
                 f'{self._path}: {name} is encoded as {channel.message_encoding!r}, expected cdr (ROS 2)'
             )
         qos = parse_qos(channel.metadata.get('offered_qos_profiles', ''))
-        topics[name] = Topic(type_name, 0, is_latched(qos))
+        topics[name] = RecordedTopic(type_name, 0, is_latched(qos))
         return name, type_name
 
     def close(self) -> None:

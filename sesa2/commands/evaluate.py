@@ -78,11 +78,13 @@ def run(options: argparse.Namespace) -> int:
         for label, evaluation, _ in evaluated:
             print('\n'.join(_lines(label, evaluation)))
     if options.report:
-        from sesa2.evaluation.drawn_pose import Backbone
+        from sesa2.evaluation.drawn_pose import DrawnPose
         from sesa2.evaluation.report import write_report
-        from sesa2.evaluation.report_page import Trial
+        from sesa2.evaluation.report_page import EvaluatedTrial
 
-        trials = [Trial(label, evaluation, Backbone(*pose)) for label, evaluation, pose in evaluated]
+        trials = [
+            EvaluatedTrial(label, evaluation, DrawnPose(*pose)) for label, evaluation, pose in evaluated
+        ]
         written = write_report(options.report, trials)
         print(f'report: {written}', file=sys.stderr if options.json else sys.stdout)
     return 0
@@ -132,7 +134,7 @@ class _Estimate(NamedTuple):
 
 
 def _read_estimate(path: Path, models: Sequence[str] | None) -> _Estimate:
-    from sesa2.bags.reading import read_configuration, read_path, read_poses
+    from sesa2.bags.reading import read_backbone, read_configuration, read_poses
     from sesa2.shape.models import create_model
 
     text = read_configuration(path)
@@ -150,7 +152,7 @@ def _read_estimate(path: Path, models: Sequence[str] | None) -> _Estimate:
     # For the figures: a pose that shows the arm well bent, its last marker being a median distance from the base.
     model = create_model(chosen[-1], c.geometry, **c.model_options(chosen[-1]))
     reach = np.linalg.norm(poses.positions[:, -1], axis=-1)
-    pose = read_path(path, f'{chosen[-1]}/shape', int(np.argsort(reach)[len(reach) // 2]))
+    pose = read_backbone(path, f'{chosen[-1]}/shape', int(np.argsort(reach)[len(reach) // 2]))
     return _Estimate(c, estimates, poses.frame, (model.link_ends, pose))
 
 

@@ -9,7 +9,7 @@ from sesa2.shape.rotations import FloatArray
 
 
 @dataclass(frozen=True, eq=False)
-class Backbone:
+class DrawnPose:
     """One pose of the arm.
 
     Attributes

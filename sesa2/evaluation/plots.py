@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sesa2.evaluation.accuracy import MarkerError
-from sesa2.evaluation.drawn_pose import Backbone
+from sesa2.evaluation.drawn_pose import DrawnPose
 from sesa2.evaluation.trajectory import LONGEST_STEP, EvaluationError
 from sesa2.shape.rotations import FloatArray, rotate, swing
 
@@ -64,7 +64,7 @@ class Series:
     errors: dict[str, MarkerError]
     number: int = 0
     fitted_on: tuple[float, float] | None = None
-    backbone: Backbone | None = None
+    backbone: DrawnPose | None = None
 
 
 def require_matplotlib() -> None:

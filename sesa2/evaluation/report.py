@@ -6,18 +6,18 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from sesa2.evaluation import plots
-from sesa2.evaluation.drawn_pose import Backbone
+from sesa2.evaluation.drawn_pose import DrawnPose
 from sesa2.evaluation.plots import Series
-from sesa2.evaluation.report_page import Figure, Trial, page
+from sesa2.evaluation.report_page import EvaluatedTrial, Figure, page
 from sesa2.evaluation.trajectory import EvaluationError
 
-__all__ = ['Backbone', 'Trial', 'write_report']
+__all__ = ['DrawnPose', 'EvaluatedTrial', 'write_report']
 
 PAGE = 'index.html'
 
 
 def write_report(
-    directory: str | Path, trials: Sequence[Trial], title: str = 'Accuracy against motion capture'
+    directory: str | Path, trials: Sequence[EvaluatedTrial], title: str = 'Accuracy against motion capture'
 ) -> Path:
     """Write the figures and the page.
 
@@ -62,7 +62,7 @@ def write_report(
     return directory / PAGE
 
 
-def _series(trials: Sequence[Trial], *, boxes: bool = False) -> list[Series]:
+def _series(trials: Sequence[EvaluatedTrial], *, boxes: bool = False) -> list[Series]:
     """Every model of every trial, named by what differs; boxes of several trials stand in one panel per model."""
     several = len(trials) > 1
     series: list[Series] = []
@@ -76,7 +76,7 @@ def _series(trials: Sequence[Trial], *, boxes: bool = False) -> list[Series]:
     return series
 
 
-def _figures(trials: Sequence[Trial]) -> list[Figure]:
+def _figures(trials: Sequence[EvaluatedTrial]) -> list[Figure]:
     series = _series(trials)
     figures = [
         Figure(

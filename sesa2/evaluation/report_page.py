@@ -8,7 +8,7 @@ from html import escape
 import numpy as np
 
 from sesa2.evaluation.accuracy import MarkerError
-from sesa2.evaluation.drawn_pose import Backbone
+from sesa2.evaluation.drawn_pose import DrawnPose
 from sesa2.evaluation.evaluate import Evaluation
 
 CSS = """
@@ -46,7 +46,7 @@ n is the number of measured positions that were scored.</p>
 
 
 @dataclass(frozen=True, eq=False)
-class Trial:
+class EvaluatedTrial:
     """One evaluation of the report.
 
     Attributes
@@ -61,7 +61,7 @@ class Trial:
 
     label: str
     evaluation: Evaluation
-    backbone: Backbone | None = None
+    backbone: DrawnPose | None = None
 
 
 @dataclass(frozen=True)
@@ -74,7 +74,7 @@ class Figure:
     png: bytes
 
 
-def page(title: str, trials: Sequence[Trial], figures: Sequence[Figure]) -> str:
+def page(title: str, trials: Sequence[EvaluatedTrial], figures: Sequence[Figure]) -> str:
     """The page as HTML: tables, what was removed, figures inlined; it asks the network for nothing."""
     sections = [
         f'<section><h2>Absolute error</h2>{_table(trials, ("median_mm", "q3_mm", "rmse_mm"), "mm", ".1f")}</section>',
@@ -97,7 +97,7 @@ def page(title: str, trials: Sequence[Trial], figures: Sequence[Figure]) -> str:
     )
 
 
-def _summary(trials: Sequence[Trial]) -> str:
+def _summary(trials: Sequence[EvaluatedTrial]) -> str:
     """Name the best model at the marker farthest out."""
     scored = [
         (error.arc_length, error.median_pct, name, error, trial.label, model)
@@ -115,7 +115,7 @@ def _summary(trials: Sequence[Trial]) -> str:
     )
 
 
-def _table(trials: Sequence[Trial], figures: tuple[str, str, str], unit: str, digits: str) -> str:
+def _table(trials: Sequence[EvaluatedTrial], figures: tuple[str, str, str], unit: str, digits: str) -> str:
     """Tables 3 and 4 of the thesis: one line a model, three figures and n a marker; the best median stands out."""
     rows = [
         (trial.label, model, errors) for trial in trials for model, errors in trial.evaluation.models.items()
@@ -164,7 +164,7 @@ def _cells(error: MarkerError | None, figures: Iterable[str], digits: str, best:
     ]
 
 
-def _removed(trials: Sequence[Trial]) -> str:
+def _removed(trials: Sequence[EvaluatedTrial]) -> str:
     rows = []
     warnings = []
     for trial in trials:

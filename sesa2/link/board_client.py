@@ -7,8 +7,8 @@ from sesa2.link.framing import FrameDecoder, encode_frame
 from sesa2.link.link_errors import CommandError, LinkError, PacketError, ProtocolVersionError
 from sesa2.link.packets import VERSION, Acceleration, Data, decode_stream
 from sesa2.link.requests import (
+    BoardConfiguration,
     Command,
-    Configuration,
     Hello,
     Reply,
     Request,
@@ -103,7 +103,7 @@ class Board:
             if time.monotonic() > deadline:
                 raise LinkError(self._unanswered(patience_s))
 
-    def configure(self, configuration: Configuration) -> None:
+    def configure(self, configuration: BoardConfiguration) -> None:
         """Say which channels to read, how often and how."""
         self._command(Command.CONFIGURE, configuration.pack())
 

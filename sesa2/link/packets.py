@@ -61,7 +61,7 @@ def mask_of(ids: tuple[int, ...]) -> int:
     return sum(1 << imu_id - 1 for imu_id in set(ids))
 
 
-class Sweep(NamedTuple):
+class SweepHeader(NamedTuple):
     """When and of which IMUs a packet is."""
 
     seq: int
@@ -98,7 +98,7 @@ class Data(NamedTuple):
         n bytes, register 0x35; see `scores`. One IMU's is refreshed per sweep.
     """
 
-    sweep: Sweep
+    sweep: SweepHeader
     orientations: NDArray[np.float64]
     health: bytes
     calib: bytes
@@ -133,7 +133,7 @@ class Acceleration(NamedTuple):
         Shape (n, 3), m/s², in the sensor's frame, gravity included; NaN where the chip has not measured.
     """
 
-    sweep: Sweep
+    sweep: SweepHeader
     accelerations: NDArray[np.float64]
 
     @property
@@ -155,7 +155,7 @@ def decode_stream(body: bytes) -> Data | Acceleration:
     kind, version, seq, t_us, scan_us, mask = _HEAD.unpack_from(body)
     if version != VERSION:
         raise PacketError(f'stream packet of protocol version {version}, expected {VERSION}')
-    sweep = Sweep(seq, t_us, scan_us, mask)
+    sweep = SweepHeader(seq, t_us, scan_us, mask)
     n = len(_IDS[mask])
     if kind == _DATA:
         _check_length(body, _ENTRY.itemsize * n, 'DATA', n)
@@ -175,7 +175,7 @@ def decode_stream(body: bytes) -> Data | Acceleration:
     raise PacketError(f'unknown packet type {kind}')
 
 
-def encode_data(sweep: Sweep, orientations: ArrayLike, health: bytes, calib: bytes) -> bytes:
+def encode_data(sweep: SweepHeader, orientations: ArrayLike, health: bytes, calib: bytes) -> bytes:
     """Body of a DATA packet: the inverse of `decode_stream`, rounding to steps of 2⁻¹⁴."""
     entries = np.empty(len(sweep.ids), _ENTRY)
     entries['health'] = list(health)
@@ -184,7 +184,7 @@ def encode_data(sweep: Sweep, orientations: ArrayLike, health: bytes, calib: byt
     return _HEAD.pack(_DATA, VERSION, *sweep) + entries.tobytes()
 
 
-def encode_acceleration(sweep: Sweep, accelerations: ArrayLike) -> bytes:
+def encode_acceleration(sweep: SweepHeader, accelerations: ArrayLike) -> bytes:
     """Body of an ACCELERATION packet: the inverse of `decode_stream`, rounding to 0.01 m/s²."""
     lsb = np.rint(np.asarray(accelerations, float) / _ACCELERATION_LSB)
     raw = np.where(np.isnan(lsb), _NOT_MEASURED, lsb).astype('<i2')

@@ -56,7 +56,7 @@ class Stream:
     ACCELERATION = 2
 
 
-class Configuration(NamedTuple):
+class BoardConfiguration(NamedTuple):
     """Arguments of CONFIGURE."""
 
     mask: int

@@ -20,7 +20,7 @@ from sesa2.link.framing import FrameDecoder
 from sesa2.link.intake import Intake
 from sesa2.link.link_errors import CommandError, LinkError, ProtocolVersionError
 from sesa2.link.packets import State, ids_of, mask_of
-from sesa2.link.requests import Configuration, FusionMode, Hello, Stats, Stream
+from sesa2.link.requests import BoardConfiguration, FusionMode, Hello, Stats, Stream
 from sesa2.link.serial_port import SerialPort
 from sesa2.link.status import Counters, Event, Handler, ImuStatus, Level, OffsetsState
 from sesa2.sensing.imu.bno055.offsets import Offsets
@@ -230,7 +230,7 @@ class Session:
         self._intake.end()
         written = [imu_id for imu_id in settings.ids if self._write(board, imu_id)]
         mask = mask_of(settings.ids)
-        board.configure(Configuration(mask, settings.rate_hz, settings.fusion, settings.i2c_100khz))
+        board.configure(BoardConfiguration(mask, settings.rate_hz, settings.fusion, settings.i2c_100khz))
         streamed_before = self._intake.latest is not None
         self._intake.begin()
         board.stream(Stream.QUATERNIONS | (Stream.ACCELERATION if settings.acceleration else 0))

@@ -19,7 +19,7 @@ TYPES = {
 }
 
 
-class Topic(NamedTuple):
+class ResultTopic(NamedTuple):
     """A topic of the estimator."""
 
     name: str
@@ -48,7 +48,7 @@ class ResultMessages:
     """
 
     def __init__(self, configuration: Configuration, estimator: Estimator):
-        self._templates: dict[Topic, Template] = {}
+        self._templates: dict[ResultTopic, Template] = {}
         frame, markers = configuration.frame_id, len(configuration.markers.names)
         for name, model in estimator.models.items():
             n = model.n_links
@@ -66,14 +66,14 @@ class ResultMessages:
                 'marker_array': _marker_array(frame, name, n + 1, configuration),
             }
             for kind, layout in layouts.items():
-                self._templates[Topic(f'{name}/{kind}', TYPES[kind])] = layout.template()
+                self._templates[ResultTopic(f'{name}/{kind}', TYPES[kind])] = layout.template()
 
     @property
-    def topics(self) -> list[Topic]:
+    def topics(self) -> list[ResultTopic]:
         """Every topic, models in the order of the configuration."""
         return list(self._templates)
 
-    def make(self, topic: Topic, estimate: Estimate) -> np.ndarray:
+    def make(self, topic: ResultTopic, estimate: Estimate) -> np.ndarray:
         """Messages of one topic.
 
         Returns

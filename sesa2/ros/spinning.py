@@ -21,7 +21,7 @@ _WAIT_S = 0.1
 
 
 @contextmanager
-def ros(arguments: Sequence[str] | None = None) -> Iterator[None]:
+def ros_context(arguments: Sequence[str] | None = None) -> Iterator[None]:
     """ROS, initialised; shut down at the end.
 
     Raises
@@ -106,7 +106,7 @@ def run_alone(make: Callable[[], Any]) -> int:
     """
     with stop_on_signals() as stop:
         try:
-            with ros(), Spinner() as spinner:
+            with ros_context(), Spinner() as spinner:
                 node = make()
                 spinner.add(node)
                 while not (stop.is_set() or getattr(node, 'finished', False)):

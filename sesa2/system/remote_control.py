@@ -14,7 +14,7 @@ from sesa2.ros.diagnostics import ERROR, OK, WARN, Diagnostics
 from sesa2.system.wiring import System
 
 
-class SystemNode(rclpy.node.Node):
+class RemoteControl(rclpy.node.Node):
     """Takes a configuration as a parameter, and starts, stops and records on request.
 
     Parameters

@@ -11,9 +11,9 @@ from functools import partial
 
 from sesa2.configuration import Configuration
 from sesa2.errors import Sesa2Error
-from sesa2.ros.spinning import Spinner, ros
-from sesa2.system.remote_control import SystemNode
-from sesa2.system.terminal import Status
+from sesa2.ros.spinning import Spinner, ros_context
+from sesa2.system.remote_control import RemoteControl
+from sesa2.system.terminal import Terminal
 from sesa2.system.wiring import System
 from sesa2.viewer.web_port import LOOPBACK, check_port
 
@@ -51,7 +51,7 @@ def run(
         check_port(LOOPBACK, viewer_port)
     ends = time.monotonic() + duration if duration else float('inf')
     sys.setswitchinterval(_SWITCH_S)
-    with ros([]), Spinner() as spinner, ExitStack() as stack:
+    with ros_context([]), Spinner() as spinner, ExitStack() as stack:
         system = System(spinner)
         stack.callback(system.stop)
         if viewer_port is None:
@@ -60,7 +60,7 @@ def run(
             if system.failure:
                 raise system.failure
             return
-        node = SystemNode(system, configuration)
+        node = RemoteControl(system, configuration)
         spinner.add(node)
         viewer = stack.enter_context(_Viewer(viewer_port))
         node.try_to_start()
@@ -77,12 +77,12 @@ def run(
 
 def _spin(spinner: Spinner, system: System, ended: Callable[[], bool]) -> None:
     """Spin until ended, with a line a second on the terminal about what runs."""
-    status = Status(system)
+    terminal = Terminal(system)
     while not ended():
         spinner.spin_once()
-        status.show_when_due()
+        terminal.show_when_due()
     if not system.failure:
-        status.show_summary()
+        terminal.show_summary()
 
 
 class _Viewer:

@@ -12,7 +12,7 @@ from sesa2.system.wiring import System
 _PERIOD_S = 1.0
 
 
-class Status:
+class Terminal:
     """Prints rate of the IMUs, tip of every model, its distance from the truth, lost packets and calibration.
 
     Parameters

@@ -9,7 +9,7 @@ from sesa2.bags.trial_bag import TRIAL_FILE
 from sesa2.configuration import Configuration
 from sesa2.errors import Sesa2Error
 from sesa2.link.virtual.motion import ArmMotion, Motion
-from sesa2.link.virtual.virtual_arm import Arm
+from sesa2.link.virtual.virtual_arm import VirtualArm
 from sesa2.link.virtual.virtual_board import VirtualBoard
 from sesa2.shape.rotations import FloatArray
 from sesa2.twin.trial import Trial
@@ -32,7 +32,7 @@ def make_virtual_board(c: Configuration, link: Path | None = None) -> VirtualBoa
         mountings = np.vstack([c.imus.base_mount_orientation, mountings])
         headings = np.concatenate([[0.0], headings])
     motion = _recorded(c) if c.run.trial else ArmMotion(positions, c.base)
-    arm = Arm(ids, motion, mount_orientations=mountings, headings=headings)
+    arm = VirtualArm(ids, motion, mount_orientations=mountings, headings=headings)
     return VirtualBoard(arm, link=link)
 
 

@@ -6,7 +6,7 @@ from simulated_board import Reading, SimulatedBoard, pattern, tick_at
 
 from sesa2.link.board_client import Board
 from sesa2.link.packets import Acceleration, Data, State
-from sesa2.link.requests import Configuration, FusionMode, Hello, Stream
+from sesa2.link.requests import BoardConfiguration, FusionMode, Hello, Stream
 
 CHIP_BOOT_S = 0.65
 CLOCK_SLACK_US = (
@@ -37,7 +37,7 @@ class Bench:
     ) -> None:
         """Configure and stream, and wait until every chip of the mask that is there runs."""
         present = self.client.hello().channels
-        self.client.configure(Configuration(mask, rate_hz, mode, i2c_100khz))
+        self.client.configure(BoardConfiguration(mask, rate_hz, mode, i2c_100khz))
         self.client.stream(flags)
         if flags & Stream.QUATERNIONS:
             self.until(

@@ -6,7 +6,7 @@ import pytest
 
 from sesa2.link.framing import FrameDecoder, encode_frame
 from sesa2.link.link_errors import CommandError
-from sesa2.link.requests import Command, Configuration, FusionMode, Reply, Request, Result, decode_reply
+from sesa2.link.requests import BoardConfiguration, Command, FusionMode, Reply, Request, Result, decode_reply
 
 EXTERNAL_RESET, POWER_ON = 0x02, 0x01
 
@@ -52,11 +52,11 @@ def test_other_commands_of_another_version_are_refused(bench, command):
 @pytest.mark.parametrize(
     'configuration',
     [
-        Configuration(0xFF, 0, FusionMode.NDOF, 0),
-        Configuration(0xFF, 101, FusionMode.NDOF, 0),
-        Configuration(0xFF, 100, 0x00, 0),
-        Configuration(0xFF, 100, 0x0D, 0),
-        Configuration(0xFF, 100, FusionMode.NDOF, 2),
+        BoardConfiguration(0xFF, 0, FusionMode.NDOF, 0),
+        BoardConfiguration(0xFF, 101, FusionMode.NDOF, 0),
+        BoardConfiguration(0xFF, 100, 0x00, 0),
+        BoardConfiguration(0xFF, 100, 0x0D, 0),
+        BoardConfiguration(0xFF, 100, FusionMode.NDOF, 2),
     ],
 )
 def test_a_bad_configuration_is_refused_and_changes_nothing(bench, configuration):

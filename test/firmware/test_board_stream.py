@@ -6,7 +6,7 @@ import pytest
 
 from bench import assert_no_gap, assert_quaternions_right
 from sesa2.link.packets import State
-from sesa2.link.requests import Configuration, FusionMode, Stream
+from sesa2.link.requests import BoardConfiguration, FusionMode, Stream
 
 
 def test_ten_seconds_of_eight_imus_at_100_hz(streaming):
@@ -92,17 +92,17 @@ def test_a_change_of_mode_goes_through_config_and_loses_no_chip(streaming):
 def test_a_configuration_amid_a_change_of_mode_waits_for_its_end(streaming):
     for pause_s in (0.0, 0.01, 0.02, 0.03):
         for mode in (FusionMode.IMU, FusionMode.NDOF_FMC_OFF):
-            streaming.client.configure(Configuration(0xFF, 100, mode, 0))
+            streaming.client.configure(BoardConfiguration(0xFF, 100, mode, 0))
             streaming.wait(pause_s)
     streaming.until(lambda data: all(data.state_of(channel) is State.RUN for channel in range(8)))
     assert [streaming.simulated.mode(channel) for channel in range(8)] == [FusionMode.NDOF_FMC_OFF] * 8
 
 
 def test_a_configuration_without_imus_pauses_the_board(streaming):
-    streaming.client.configure(Configuration(0, 100, FusionMode.NDOF, 0))
+    streaming.client.configure(BoardConfiguration(0, 100, FusionMode.NDOF, 0))
     assert streaming.watch(0.5) == []
     streaming.simulated.command('unplug', 0)
-    streaming.client.configure(Configuration(0x81, 100, FusionMode.NDOF, 0))
+    streaming.client.configure(BoardConfiguration(0x81, 100, FusionMode.NDOF, 0))
     streaming.until(lambda data: data.state_of(0) is State.ABSENT and data.state_of(7) is State.RUN)
 
 

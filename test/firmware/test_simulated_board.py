@@ -8,11 +8,11 @@ from simulated_board import SimulatedBoard, SimulatorError
 from sesa2.link import board_client as link_board
 from sesa2.link.framing import encode_frame
 from sesa2.link.packets import Data, State
-from sesa2.link.requests import Command, Configuration, FusionMode, Request, Stream
+from sesa2.link.requests import BoardConfiguration, Command, FusionMode, Request, Stream
 from sesa2.link.serial_port import SerialPort
 
 CONFIGURE = encode_frame(
-    Request(Command.CONFIGURE, 1, Configuration(0xFF, 100, FusionMode.NDOF, 0).pack()).encode()
+    Request(Command.CONFIGURE, 1, BoardConfiguration(0xFF, 100, FusionMode.NDOF, 0).pack()).encode()
 )
 STREAM = encode_frame(Request(Command.STREAM, 2, bytes((Stream.QUATERNIONS,))).encode())
 
@@ -70,7 +70,7 @@ def test_in_real_time_the_board_streams_by_itself():
         port = SerialPort(simulated.port_path, 500000)
         client = link_board.Board(port, lambda packet, _: packets.append(packet))
         client.hello(patience_s=30.0)
-        client.configure(Configuration(0xFF, 100, FusionMode.NDOF, 0))
+        client.configure(BoardConfiguration(0xFF, 100, FusionMode.NDOF, 0))
         client.stream(Stream.QUATERNIONS)
         deadline = time.monotonic() + 30.0
         while not any(isinstance(packet, Data) and set(packet.states) == {State.RUN} for packet in packets):

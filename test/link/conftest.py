@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from sesa2.link.virtual.motion import ArmMotion
-from sesa2.link.virtual.virtual_arm import Arm
+from sesa2.link.virtual.virtual_arm import VirtualArm
 from sesa2.link.virtual.virtual_board import VirtualBoard
 
 PATIENCE_S = 30
@@ -74,7 +74,7 @@ def make_board(tmp_path):
     boards = []
 
     def make(ids=IDS, arm=None, **options):
-        arm = arm or Arm(ids, ArmMotion(POSITIONS[: len(ids)]))
+        arm = arm or VirtualArm(ids, ArmMotion(POSITIONS[: len(ids)]))
         options = {'link': tmp_path / 'board', 'boot_s': 0.05, 'calibration_s': 1.0} | options
         boards.append(VirtualBoard(arm, **options))
         return boards[-1]

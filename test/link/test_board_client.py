@@ -4,7 +4,7 @@ from sesa2.link.board_client import Board
 from sesa2.link.framing import encode_frame
 from sesa2.link.link_errors import CommandError, LinkError, ProtocolVersionError
 from sesa2.link.packets import State, mask_of
-from sesa2.link.requests import Configuration, FusionMode, Stream
+from sesa2.link.requests import BoardConfiguration, FusionMode, Stream
 from sesa2.link.serial_port import SerialPort
 from sesa2.sensing.imu.bno055.offsets import Offsets
 
@@ -31,7 +31,7 @@ def connect(make_board):
 
 def start(board, packets, count=20):
     board.hello()
-    board.configure(Configuration(MASK, 100, FusionMode.NDOF, 0))
+    board.configure(BoardConfiguration(MASK, 100, FusionMode.NDOF, 0))
     board.stream(Stream.QUATERNIONS)
     poll(board, lambda: len(packets) >= count and packets[-1][0].states == [State.RUN] * 4)
 
@@ -117,7 +117,7 @@ def test_bad_argument(connect):
     _, board, _ = connect()
     board.hello()
     with pytest.raises(CommandError, match='CONFIGURE: bad argument in 0f c8 0c 00'):
-        board.configure(Configuration(MASK, 200, FusionMode.NDOF, 0))
+        board.configure(BoardConfiguration(MASK, 200, FusionMode.NDOF, 0))
 
 
 def test_another_version_is_named(connect):

@@ -9,7 +9,7 @@ from sesa2.link.packets import (
     Acceleration,
     Data,
     State,
-    Sweep,
+    SweepHeader,
     decode_stream,
     encode_acceleration,
     encode_data,
@@ -28,7 +28,7 @@ DATA = bytes.fromhex(
 )  # fmt: skip
 # The same sweep: (0.01, −0.02, 9.81) m/s², and not measured.
 ACCELERATION = bytes.fromhex('02 01 34 12 78 56 34 12 68 10 05 01 00 fe ff d5 03 00 80 00 80 00 80')
-SWEEP = Sweep(seq=0x1234, t_us=0x12345678, scan_us=4200, mask=0b101)
+SWEEP = SweepHeader(seq=0x1234, t_us=0x12345678, scan_us=4200, mask=0b101)
 
 
 def test_golden_data():
@@ -85,7 +85,7 @@ def test_imus_are_read_in_the_middle_of_their_share():
 )
 def test_data_comes_back(mask, seq, t_us, scan_us, seed):
     rng = np.random.default_rng(seed)
-    sweep = Sweep(seq, t_us, scan_us, mask)
+    sweep = SweepHeader(seq, t_us, scan_us, mask)
     n = len(sweep.ids)
     q = rng.normal(size=(n, 4))
     q /= np.linalg.norm(q, axis=1, keepdims=True)

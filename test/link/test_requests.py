@@ -4,8 +4,8 @@ from hypothesis import strategies as st
 
 from sesa2.link.link_errors import PacketError
 from sesa2.link.requests import (
+    BoardConfiguration,
     Command,
-    Configuration,
     FusionMode,
     Hello,
     Reply,
@@ -24,7 +24,7 @@ STATS = Stats(1, 2, 3, 4, 5, 6, 7, 8, tuple(range(9, 17)), tuple(range(17, 25)))
 REQUESTS = [
     (Request(Command.HELLO, 7), '0a 01 07'),
     (
-        Request(Command.CONFIGURE, 8, Configuration(0x81, 100, FusionMode.NDOF, 1).pack()),
+        Request(Command.CONFIGURE, 8, BoardConfiguration(0x81, 100, FusionMode.NDOF, 1).pack()),
         '0b 01 08 81 64 0c 01',
     ),
     (Request(Command.STREAM, 9, b'\x03'), '0c 01 09 03'),

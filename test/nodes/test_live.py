@@ -12,7 +12,7 @@ from sensor_msgs.msg import JointState
 from virtual_arms import arm_of, halted, plausible
 
 from sesa2.configuration import validate
-from sesa2.link.virtual.virtual_arm import Arm
+from sesa2.link.virtual.virtual_arm import VirtualArm
 from sesa2.nodes.estimator import EstimatorNode
 from sesa2.nodes.serial_bridge import SerialBridge
 from sesa2.ros.qos import STREAM
@@ -147,7 +147,7 @@ def test_the_base_can_be_measured(graph, configured, boards):
         'base_mount_orientation': mount.tolist(),
     }
     rows = np.vstack([q[:7], base])
-    arm = Arm(range(1, 9), halted(rows), mount_orientations=np.vstack([[[0, 0, 0, 1]] * 7, [mount]]))
+    arm = VirtualArm(range(1, 9), halted(rows), mount_orientations=np.vstack([[[0, 0, 0, 1]] * 7, [mount]]))
     board = boards(arm)
     live = Live(graph, configured, board, **seven).settled()
     true = create_model('pcc_exact', live.configuration.geometry).fit(q[:7], base)

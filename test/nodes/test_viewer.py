@@ -23,7 +23,7 @@ from sesa2.ros.qos import STREAM
 from sesa2.ros.spinning import Spinner
 from sesa2.sensing.imu.bno055.offsets import load_offsets
 from sesa2.shape.rotations import from_rotation_vector, multiply
-from sesa2.system.remote_control import SystemNode
+from sesa2.system.remote_control import RemoteControl
 from sesa2.system.wiring import System
 
 pytest.importorskip('viser', reason='viser is not installed: pip install sesa2[viewer]')
@@ -51,7 +51,7 @@ class SteeredSystem:
         self.alive = {1, 2}
         self.spinner = Spinner()
         self.system = System(self.spinner)
-        self.node = SystemNode(self.system, validate(VALUES))
+        self.node = RemoteControl(self.system, validate(VALUES))
         self.true_shape = self.node.create_publisher(PathMessage, 'truth/shape', STREAM)
         self.true_markers = self.node.create_publisher(PoseArray, 'truth/markers', STREAM)
         self.node.create_timer(1.0 / 30.0, self._play)

@@ -8,7 +8,7 @@ from std_srvs.srv import Trigger
 from sesa2.configuration import ConfigurationError
 from sesa2.errors import Sesa2Error
 from sesa2.ros.qos import STREAM
-from sesa2.ros.spinning import Spinner, ros, run_alone
+from sesa2.ros.spinning import Spinner, ros_context, run_alone
 
 
 class Listener(rclpy.node.Node):
@@ -71,7 +71,7 @@ def test_a_node_that_cannot_close_is_ended_all_the_same():
         def close(self):
             raise Sesa2Error('disk full')
 
-    with ros([]), Spinner() as spinner:
+    with ros_context([]), Spinner() as spinner:
         spinner.add(node := Stubborn())
         with pytest.raises(Sesa2Error, match='disk full'):
             spinner.remove(node)
@@ -90,13 +90,16 @@ def test_a_program_ends_with_1_when_its_node_has_failed(capfd):
 def test_ros_says_why_it_cannot_start(tmp_path):
     file = tmp_path / 'arm.yaml'
     arguments = ['--ros-args', '--params-file', str(file)]
-    with pytest.raises(ConfigurationError, match='cannot be read: No such file'), ros(arguments):
+    with pytest.raises(ConfigurationError, match='cannot be read: No such file'), ros_context(arguments):
         pass
     file.write_text('/**:\n  ros__parameters:\n    imus: {positions: [0.1, 0, 0.3]}\n')
     with (
         pytest.raises(ConfigurationError, match=r'imus\.positions\[1\]: got the integer 0.*write 0\.0'),
-        ros(arguments),
+        ros_context(arguments),
     ):
         pass
-    with pytest.raises(Sesa2Error, match=r'ROS cannot start: .*bogus'), ros(['--ros-args', '--bogus']):
+    with (
+        pytest.raises(Sesa2Error, match=r'ROS cannot start: .*bogus'),
+        ros_context(['--ros-args', '--bogus']),
+    ):
         pass

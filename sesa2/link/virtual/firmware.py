@@ -13,14 +13,14 @@ from sesa2.link.link_errors import PacketError
 from sesa2.link.packets import (
     VERSION,
     State,
-    Sweep,
+    SweepHeader,
     encode_acceleration,
     encode_data,
     ids_of,
 )
 from sesa2.link.requests import (
+    BoardConfiguration,
     Command,
-    Configuration,
     FusionMode,
     Hello,
     Reply,
@@ -78,7 +78,7 @@ class Firmware:
         self._channels = {i: Channel(chips.get(i), born_us, self._reply) for i in ids_of(0xFF)}
         self._malformed = 0
         self._flags = Stream.STOP
-        self._configuration: Configuration | None = None
+        self._configuration: BoardConfiguration | None = None
         self._ids: tuple[int, ...] = ()
         self._seq = 0
         self._sweeps = 0
@@ -137,7 +137,7 @@ class Firmware:
         )
 
     def _configure(self, request: Request, now_us: int) -> None:
-        configuration = Configuration(*request.arguments)
+        configuration = BoardConfiguration(*request.arguments)
         if (
             not 1 <= configuration.rate_hz <= 100
             or configuration.mode not in list(FusionMode)
@@ -200,7 +200,7 @@ class Firmware:
     def _send_sweep(self) -> None:
         assert self._configuration is not None
         n, scan_us = len(self._ids), self._scan_us()
-        sweep = Sweep(self._seq, self._sweep_us % (1 << 32), scan_us, self._configuration.mask)
+        sweep = SweepHeader(self._seq, self._sweep_us % (1 << 32), scan_us, self._configuration.mask)
         channels = [self._channels[imu_id] for imu_id in self._ids]
         refreshed = self._sweeps % n
         channels[refreshed].refresh_calib(self._sweep_us)

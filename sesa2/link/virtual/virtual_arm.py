@@ -11,7 +11,7 @@ from sesa2.shape import rotations
 _GRAVITY = (0.0, 0.0, 9.80665)  # what an accelerometer at rest measures, in W
 
 
-class Arm:
+class VirtualArm:
     """IMUs on a moving arm.
 
     Parameters

@@ -18,7 +18,7 @@ from sesa2.link.packets import VERSION
 from sesa2.link.virtual.chip import Chip
 from sesa2.link.virtual.firmware import Firmware
 from sesa2.link.virtual.motion import FloatArray
-from sesa2.link.virtual.virtual_arm import Arm
+from sesa2.link.virtual.virtual_arm import VirtualArm
 
 _LONGEST_WAIT_S = 1.0
 
@@ -51,7 +51,7 @@ class VirtualBoard:
 
     def __init__(
         self,
-        arm: Arm,
+        arm: VirtualArm,
         *,
         link: Path | str | None = None,
         calibration_s: float = 12.0,

@@ -8,8 +8,8 @@ import pytest
 from sesa2.link.framing import FrameDecoder, encode_frame
 from sesa2.link.packets import Acceleration, Data, State, decode_stream, mask_of
 from sesa2.link.requests import (
+    BoardConfiguration,
     Command,
-    Configuration,
     FusionMode,
     Hello,
     Request,
@@ -22,7 +22,7 @@ from sesa2.link.requests import (
 from sesa2.link.virtual.chip import BOOT_US, Chip
 from sesa2.link.virtual.firmware import Firmware
 from sesa2.link.virtual.motion import ArmMotion
-from sesa2.link.virtual.virtual_arm import Arm
+from sesa2.link.virtual.virtual_arm import VirtualArm
 
 MS = 1000
 OFFSETS = bytes(range(22))
@@ -33,7 +33,7 @@ class Bench:
     """A virtual firmware with time in hand."""
 
     def __init__(self, ids=(1, 2, 3), version=1):
-        self.arm = Arm(ids, ArmMotion(np.arange(1, len(ids) + 1) * 0.08))
+        self.arm = VirtualArm(ids, ArmMotion(np.arange(1, len(ids) + 1) * 0.08))
         self.chips = {imu_id: Chip(Random(imu_id), 12_000_000) for imu_id in ids}
         self.now_us = 0
         self.packets = []
@@ -69,7 +69,7 @@ class Bench:
         return reply, answered_us - start_us
 
     def stream(self, ids=(1, 2, 3), rate_hz=100, mode=NDOF, i2c_100khz=0, flags=Stream.QUATERNIONS):
-        configuration = Configuration(mask_of(ids), rate_hz, mode, i2c_100khz)
+        configuration = BoardConfiguration(mask_of(ids), rate_hz, mode, i2c_100khz)
         assert self.ask(Command.CONFIGURE, configuration.pack())[0].result is Result.OK
         assert self.ask(Command.STREAM, bytes((flags,)))[0].result is Result.OK
 
@@ -243,10 +243,10 @@ def test_reset_imu():
 @pytest.mark.parametrize(
     ('command', 'arguments'),
     [
-        (Command.CONFIGURE, Configuration(7, 0, NDOF, 0).pack()),
-        (Command.CONFIGURE, Configuration(7, 101, NDOF, 0).pack()),
-        (Command.CONFIGURE, Configuration(7, 100, 5, 0).pack()),
-        (Command.CONFIGURE, Configuration(7, 100, NDOF, 2).pack()),
+        (Command.CONFIGURE, BoardConfiguration(7, 0, NDOF, 0).pack()),
+        (Command.CONFIGURE, BoardConfiguration(7, 101, NDOF, 0).pack()),
+        (Command.CONFIGURE, BoardConfiguration(7, 100, 5, 0).pack()),
+        (Command.CONFIGURE, BoardConfiguration(7, 100, NDOF, 2).pack()),
         (Command.STREAM, b'\x04'),
         (Command.STREAM, b'\x01'),  # of nothing: not configured
         (Command.READ_OFFSETS, b'\x08'),

@@ -1,7 +1,7 @@
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from sesa2.link.virtual.virtual_arm import Arm, accelerations
+from sesa2.link.virtual.virtual_arm import VirtualArm, accelerations
 
 RNG = np.random.default_rng(0)
 
@@ -20,7 +20,7 @@ def still(t):
 
 def test_heading_link_and_mounting_in_this_order():
     headings = np.array([0.1, -0.2, 3.0])
-    arm = Arm((2, 4, 5), still, mount_orientations=MOUNTS, headings=headings)
+    arm = VirtualArm((2, 4, 5), still, mount_orientations=MOUNTS, headings=headings)
     got = arm.orientations((4, 5), np.zeros(2), np.array([0.0, 0.5]))
     for k, row in enumerate((1, 2)):
         turn = Rotation.from_euler('z', headings[row] + (0.0, 0.5)[k])
@@ -34,13 +34,13 @@ def test_each_imu_at_its_own_time():
         return np.stack([np.sin(angle / 2), 0 * angle, 0 * angle, np.cos(angle / 2)], axis=-1)
 
     t = np.array([[0.1, 0.2, 0.3], [0.4, 0.5, 0.6]])
-    got = Arm((1, 2, 3), turning).orientations((1, 2, 3), t, np.zeros(3))
+    got = VirtualArm((1, 2, 3), turning).orientations((1, 2, 3), t, np.zeros(3))
     assert got.shape == (2, 3, 4)
     np.testing.assert_allclose(got[..., 0], np.sin(t * (1, 2, 3) / 2), atol=1e-12)
 
 
 def test_random_signs():
-    arm = Arm((1, 2, 3), still, random_signs=True)
+    arm = VirtualArm((1, 2, 3), still, random_signs=True)
     got = arm.orientations((1, 2, 3), np.zeros((50, 3)), np.zeros(3))
     signs = np.sum(got * LINKS, axis=-1)
     np.testing.assert_allclose(np.abs(signs), 1, atol=1e-12)

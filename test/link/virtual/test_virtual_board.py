@@ -7,7 +7,7 @@ import pytest
 from sesa2.link.board_client import Board
 from sesa2.link.link_errors import LinkError
 from sesa2.link.packets import State, mask_of
-from sesa2.link.requests import Configuration, FusionMode, Stream
+from sesa2.link.requests import BoardConfiguration, FusionMode, Stream
 from sesa2.link.serial_port import SerialPort
 
 
@@ -17,7 +17,7 @@ def stream(virtual, count):
     packets = []
     board = Board(port, lambda packet, arrival_ns: packets.append((packet, arrival_ns)))
     board.hello()
-    board.configure(Configuration(mask_of(virtual.arm.ids), 100, FusionMode.NDOF, 0))
+    board.configure(BoardConfiguration(mask_of(virtual.arm.ids), 100, FusionMode.NDOF, 0))
     board.stream(Stream.QUATERNIONS)
     running = []
     while len(running) < count:

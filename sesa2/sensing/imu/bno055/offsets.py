@@ -59,7 +59,7 @@ class Offsets:
         return _REGISTERS.pack(*accel, *mag, *gyro, *radii)
 
 
-class Calibration(NamedTuple):
+class SavedOffsets(NamedTuple):
     """What a calibration file says about the IMUs that were asked for."""
 
     offsets: dict[int, Offsets]
@@ -68,7 +68,7 @@ class Calibration(NamedTuple):
     """Ids that the file has no entry for: these IMUs start uncalibrated, which the user is to be told."""
 
 
-def load_offsets(path: Path | str, ids: Iterable[int]) -> Calibration:
+def load_offsets(path: Path | str, ids: Iterable[int]) -> SavedOffsets:
     """Read the offsets of some IMUs; entries of others are left unread.
 
     Raises
@@ -80,7 +80,7 @@ def load_offsets(path: Path | str, ids: Iterable[int]) -> Calibration:
     entries = _read(path)['imus']
     ids = tuple(ids)
     found = {imu_id: _parse(entries[imu_id], f'{path}: imus.{imu_id}') for imu_id in ids if imu_id in entries}
-    return Calibration(found, tuple(imu_id for imu_id in ids if imu_id not in found))
+    return SavedOffsets(found, tuple(imu_id for imu_id in ids if imu_id not in found))
 
 
 def save_offsets(path: Path | str, imu_id: int, offsets: Offsets, saved_at: datetime | None = None) -> None:
