@@ -11,6 +11,8 @@ import numpy as np
 from sesa2.bags.topics import Message, RecordedTopic
 from sesa2.errors import Sesa2Error
 from sesa2.messages.imu_messages import TYPE, ImuMessages
+from sesa2.messages.topic_names import absolute, imu_data
+from sesa2.time import NS
 
 _TIME = 'time_s'
 
@@ -45,10 +47,10 @@ class OrientationsCsv:
         except (UnicodeDecodeError, csv.Error) as error:
             raise Sesa2Error(f'{path}: is not a CSV text file: {error}') from None
         rows = np.array(table, dtype=float).reshape(len(table), len(columns))
-        self._stamps = np.round(rows[:, 0] * 1e9).astype(np.int64)
+        self._stamps = np.round(rows[:, 0] * NS).astype(np.int64)
         quaternions = rows[:, 1:].reshape(len(rows), -1, 4)
         self._measured = {
-            f'/imu_{_imu_of(header[columns[1 + 4 * k]])}/data': quaternions[:, k]
+            absolute(imu_data(_imu_of(header[columns[1 + 4 * k]]))): quaternions[:, k]
             for k in range(quaternions.shape[1])
         }
         self.topics = {

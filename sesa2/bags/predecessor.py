@@ -15,6 +15,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from sesa2.bags.topics import Message, RecordedTopic
 from sesa2.errors import Sesa2Error
 from sesa2.messages.imu_messages import TYPE, ImuMessages
+from sesa2.messages.topic_names import absolute, imu_data
 
 _TOPIC = 'quat_meas'
 
@@ -76,7 +77,7 @@ class PredecessorBag:
         }
 
     def _name(self, bag_id: int) -> str:
-        return f'/imu_{bag_id - self._first + 1}/data'
+        return absolute(imu_data(bag_id - self._first + 1))
 
     def messages(self, topics: Collection[str]) -> Iterator[Message]:
         """Its quaternions as sensor_msgs/Imu."""

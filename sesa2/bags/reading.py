@@ -10,13 +10,13 @@ import numpy as np
 
 from sesa2.bags.definitions import POSE_ARRAY, STRING, typestore
 from sesa2.bags.recording import Recording, open_recording
-from sesa2.bags.topics import absolute, imu_topic
+from sesa2.bags.topics import imu_topic
 from sesa2.errors import Sesa2Error
 from sesa2.messages import poses
 from sesa2.messages.imu_messages import read_imu
+from sesa2.messages.topic_names import absolute
 from sesa2.shape.rotations import FloatArray
-
-NS = 1_000_000_000
+from sesa2.time import NS
 
 
 class Sample(NamedTuple):

@@ -58,8 +58,7 @@ def read_sweeps(
     """
     estimator = Estimator(configuration)
     assembler = estimator.assembler()
-    imus = configuration.imus
-    indices = {i: index for index, i in enumerate([*imus.ids, imus.base_id] if imus.base_id else imus.ids)}
+    indices = configuration.imus.indices
     sweeps = []
     with open_recording(path, first_id) as recording:
         for sample in ImuRecording(recording).samples():

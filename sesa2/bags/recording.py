@@ -8,9 +8,10 @@ from rosbags.rosbag2 import Reader
 
 from sesa2.bags.orientations_csv import OrientationsCsv
 from sesa2.bags.predecessor import PredecessorBag
-from sesa2.bags.topics import Message, Part, RecordedTopic, absolute, is_latched
+from sesa2.bags.topics import Message, Part, RecordedTopic, is_latched
 from sesa2.bags.unfinished import UnfinishedMcap
 from sesa2.errors import Sesa2Error
+from sesa2.messages.topic_names import absolute
 
 
 class Recording:

@@ -20,8 +20,8 @@ from sesa2.estimation.estimator import Estimator
 from sesa2.estimation.sweeps import Sweep
 from sesa2.messages.imu_messages import TYPE as IMU_TYPE
 from sesa2.messages.results import ResultMessages
-
-NS = 1_000_000_000
+from sesa2.messages.topic_names import CONFIGURATION, imu_data
+from sesa2.time import NS
 
 # Samples that are worked on at once: enough to make numpy worth its while, few enough to stay in the processor's cache.
 BLOCK = 2048
@@ -127,7 +127,7 @@ def replay(
         configuration = files.parse(files.dump(replace(configuration, models=tuple(models))), '--models')
     with open_recording(source, first_id) as recording:
         imus = ImuRecording(recording)
-        indices = _indices(configuration)
+        indices = configuration.imus.indices
         if not any(n for id_, n in imus.counts.items() if id_ in indices):
             raise Sesa2Error(
                 f'{source}: no message of the configured IMUs {_listed(indices)}; '
@@ -154,13 +154,6 @@ def replay(
     return summary
 
 
-def _indices(configuration: Configuration) -> dict[int, int]:
-    """Index of each IMU for the sweep assembler, by id; the one on the base comes last."""
-    imus = configuration.imus
-    ids = [*imus.ids, imus.base_id] if imus.base_id else imus.ids
-    return {id_: index for index, id_ in enumerate(ids)}
-
-
 def _listed(ids: Iterable[int]) -> str:
     return ', '.join(map(str, sorted(ids)))
 
@@ -176,10 +169,12 @@ class _Replay:
         self._assembler = self._estimator.assembler()
         self._messages = ResultMessages(configuration, self._estimator)
         self._names: dict[int, str] = {}
-        self._configuration = self._topic('configuration', STRING, latched=True)
+        self._configuration = self._topic(CONFIGURATION, STRING, latched=True)
         self._yaml: str | None = files.dump(configuration)  # until it is written
-        recorded = sorted(set(imus.counts) & set(_indices(configuration))) if configuration.record.imu else []
-        self._imus = {id_: self._topic(f'imu_{id_}/data', IMU_TYPE) for id_ in recorded}
+        recorded = (
+            sorted(set(imus.counts) & set(configuration.imus.indices)) if configuration.record.imu else []
+        )
+        self._imus = {id_: self._topic(imu_data(id_), IMU_TYPE) for id_ in recorded}
         self._results = {
             topic: self._topic(*topic)
             for topic in self._messages.topics

@@ -54,11 +54,6 @@ class ImuTopic(NamedTuple):
     id: int
 
 
-def absolute(name: str) -> str:
-    """A topic's absolute name; some writers leave out the slash in front."""
-    return '/' + name.lstrip('/')
-
-
 def imu_topic(name: str, type_name: str) -> ImuTopic | None:
     """Namespace and id of an IMU's topic, `…/imu_<id>/data`; None for any other topic."""
     match = re.fullmatch(r'(/(?:.*/)?)imu_(\d+)/data', name)

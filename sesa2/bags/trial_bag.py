@@ -10,12 +10,13 @@ from sesa2.configuration import Configuration, files
 from sesa2.messages.cdr import Layout
 from sesa2.messages.imu_messages import TYPE as IMU
 from sesa2.messages.imu_messages import ImuMessages
+from sesa2.messages.topic_names import CONFIGURATION, TRUTH_MARKERS, absolute, imu_data, imu_name
+from sesa2.time import NS
 from sesa2.twin.trial import Trial
 
-TRUTH_TOPIC = '/truth/markers'
 TRIAL_FILE = 'trial.npz'
 # The trial's clock begins at zero, which ROS takes for "no stamp".
-START_NS = 1_700_000_000 * 10**9
+START_NS = 1_700_000_000 * NS
 
 
 def write_trial(trial: Trial, configuration: Configuration, out: str | Path) -> None:
@@ -39,8 +40,8 @@ def write_trial(trial: Trial, configuration: Configuration, out: str | Path) -> 
         text = Layout().string(files.dump(configuration)).template()
         messages = []
         for k, imu in enumerate(trial.sensor_ids.tolist()):
-            topic = bag.add_topic(f'/imu_{imu}/data', IMU)
-            rows = ImuMessages(f'imu_{imu}').make_many(_stamps(trial.stamps[:, k]), trial.measured[:, k])
+            topic = bag.add_topic(absolute(imu_data(imu)), IMU)
+            rows = ImuMessages(imu_name(imu)).make_many(_stamps(trial.stamps[:, k]), trial.measured[:, k])
             messages += [
                 (stamp, topic, row) for stamp, row in zip(_stamps(trial.stamps[:, k]), rows, strict=True)
             ]
@@ -49,7 +50,7 @@ def write_trial(trial: Trial, configuration: Configuration, out: str | Path) -> 
         poses[..., 6] = 1.0
         n = poses.shape[1]
         truth = Layout().header('world').uint32(n).doubles(7 * n).template()
-        topic = bag.add_topic(TRUTH_TOPIC, POSE_ARRAY)
+        topic = bag.add_topic(absolute(TRUTH_MARKERS), POSE_ARRAY)
         stamps = _stamps(trial.truth_times)
         messages += [
             (stamp, topic, row)
@@ -57,7 +58,7 @@ def write_trial(trial: Trial, configuration: Configuration, out: str | Path) -> 
         ]
         messages.sort(key=lambda message: message[0])
         first = messages[0][0]
-        topic = bag.add_topic('/configuration', STRING, latched=True)
+        topic = bag.add_topic(absolute(CONFIGURATION), STRING, latched=True)
         bag.write(topic, int(first), text.make(np.array([first]), np.zeros((1, 0)))[0].tobytes())
         for stamp, topic, row in messages:
             bag.write(topic, int(stamp), row.tobytes())
@@ -65,4 +66,4 @@ def write_trial(trial: Trial, configuration: Configuration, out: str | Path) -> 
 
 
 def _stamps(seconds: np.ndarray) -> np.ndarray:
-    return START_NS + np.round(seconds * 1e9).astype(np.int64)
+    return START_NS + np.round(seconds * NS).astype(np.int64)

@@ -10,10 +10,10 @@ from mcap.records import Message as McapMessage
 from mcap.stream_reader import StreamReader
 from rosbags.rosbag2.metadata import parse_qos
 
-from sesa2.bags.topics import Message, RecordedTopic, absolute, is_latched
+from sesa2.bags.topics import Message, RecordedTopic, is_latched
 from sesa2.errors import Sesa2Error
-
-NS = 1_000_000_000
+from sesa2.messages.topic_names import absolute
+from sesa2.time import NS
 
 
 class UnfinishedMcap:

@@ -10,6 +10,7 @@ from sesa2.configuration import Configuration, files
 from sesa2.configuration.description import table
 from sesa2.errors import Sesa2Error
 from sesa2.shape.rotations import FloatArray
+from sesa2.time import NS
 
 # A twist of the whole arm beyond this (rad) is more than silicone does by itself, and is hard to tell from headings.
 _MUCH_TWIST = 0.1
@@ -54,7 +55,7 @@ def run(options: argparse.Namespace) -> int:
         raise Sesa2Error(f'{options.out}: exists already, expected the name of a new configuration')
     sweeps = read_sweeps(options.source, c, options.first_id)
     warn(sweeps.problems)
-    t = (sweeps.stamps_ns - sweeps.stamps_ns[0]) * 1e-9
+    t = (sweeps.stamps_ns - sweeps.stamps_ns[0]) / NS
     chosen = (t >= options.start) & (t < options.start + options.duration)
     if not chosen.any():
         raise Sesa2Error(

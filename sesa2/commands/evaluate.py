@@ -17,6 +17,7 @@ from sesa2.errors import Sesa2Error
 from sesa2.evaluation.evaluate import Evaluation, evaluate
 from sesa2.evaluation.trajectory import Trajectory
 from sesa2.evaluation.truth import read_csv
+from sesa2.messages.topic_names import TRUTH_MARKERS, of_model
 from sesa2.shape.rotations import conjugate, rotate
 
 IN_MS = 10.0  # s; a larger offset is one between two clocks, and printed in s
@@ -31,7 +32,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--truth', required=True, type=Path, metavar='T', help='CSV of marker positions, or a bag'
     )
     parser.add_argument(
-        '--truth-topic', default='truth/markers', help='PoseArray in a bag (default: truth/markers)'
+        '--truth-topic', default=TRUTH_MARKERS, help=f'PoseArray in a bag (default: {TRUTH_MARKERS})'
     )
     parser.add_argument('--models', type=names, metavar='A,B', help='only these models')
     parser.add_argument(
@@ -146,13 +147,13 @@ def _read_estimate(path: Path, models: Sequence[str] | None) -> _Estimate:
     chosen = models or c.models
     estimates = {}
     for name in chosen:
-        poses = read_poses(path, f'{name}/markers')
+        poses = read_poses(path, of_model(name, 'markers'))
         times, positions = _increasing(poses.times_s, poses.positions)
         estimates[name] = Trajectory(times, positions, c.markers.names)
     # For the figures: a pose that shows the arm well bent, its last marker being a median distance from the base.
     model = create_model(chosen[-1], c.geometry, **c.model_options(chosen[-1]))
     reach = np.linalg.norm(poses.positions[:, -1], axis=-1)
-    pose = read_backbone(path, f'{chosen[-1]}/shape', int(np.argsort(reach)[len(reach) // 2]))
+    pose = read_backbone(path, of_model(chosen[-1], 'shape'), int(np.argsort(reach)[len(reach) // 2]))
     return _Estimate(c, estimates, poses.frame, (model.link_ends, pose))
 
 

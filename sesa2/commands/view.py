@@ -9,6 +9,8 @@ from sesa2.commands.arguments import names, not_negative, positive
 from sesa2.configuration import files
 from sesa2.errors import Sesa2Error
 from sesa2.messages.poses import read_path, read_pose_array
+from sesa2.messages.topic_names import absolute, of_model
+from sesa2.time import NS
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -56,7 +58,7 @@ def _read(
 
     found: dict[str, dict[int, np.ndarray]] = {}
     with open_recording(bag) as recording:
-        wanted = {f'/{m}/{kind}' for m in models for kind in ('shape', 'markers')}
+        wanted = {absolute(of_model(m, kind)) for m in models for kind in ('shape', 'markers')}
         missing = sorted(wanted - set(recording.topics))
         if missing:
             raise Sesa2Error(f'{bag}: no topic {missing[0]}; `sesa2 replay` computes the shape')
@@ -64,7 +66,7 @@ def _read(
         for message in recording.messages(wanted):
             poses = (read_path if message.topic.endswith('/shape') else read_pose_array)(message.data)
             first = poses.stamp_ns if first is None else first
-            t = (poses.stamp_ns - first) * 1e-9
+            t = (poses.stamp_ns - first) / NS
             if t >= start + duration:
                 break
             if t >= start:
@@ -73,5 +75,9 @@ def _read(
     if not stamps:
         raise Sesa2Error(f'{bag}: no result from {start:g} s on')
     arrays = {topic: np.stack([of[stamp] for stamp in stamps]) for topic, of in found.items()}
-    times = (np.array(stamps) - stamps[0]) * 1e-9
-    return times, {m: arrays[f'/{m}/shape'] for m in models}, {m: arrays[f'/{m}/markers'] for m in models}
+    times = (np.array(stamps) - stamps[0]) / NS
+    return (
+        times,
+        {m: arrays[absolute(of_model(m, 'shape'))] for m in models},
+        {m: arrays[absolute(of_model(m, 'markers'))] for m in models},
+    )

@@ -97,6 +97,22 @@ class Imus:
     latency: float = parameter(0.0, 'delay of the sensors, s, taken off the stamps', low=0.0, high=1.0)
     heading_filter: bool = parameter(False, 'correct slow heading drift while running')
 
+    @property
+    def all_ids(self) -> tuple[int, ...]:
+        """Ids of all IMUs: those along the arm, base to tip, then the one on the base, if there is one."""
+        return (*self.ids, self.base_id) if self.base_id else self.ids
+
+    @property
+    def used_ids(self) -> tuple[int, ...]:
+        """Of these, the ids of those that are used."""
+        used = tuple(i for i, on in zip(self.ids, self.enabled, strict=True) if on)
+        return (*used, self.base_id) if self.base_id else used
+
+    @property
+    def indices(self) -> dict[int, int]:
+        """Place of each id in `all_ids`."""
+        return {imu_id: index for index, imu_id in enumerate(self.all_ids)}
+
 
 @dataclass(frozen=True)
 class Markers:

@@ -14,6 +14,7 @@ from sesa2.shape.missing import fill_missing
 from sesa2.shape.model import Model
 from sesa2.shape.models import create_model
 from sesa2.shape.rotations import IDENTITY, FloatArray, conjugate, multiply, rotate
+from sesa2.time import NS
 
 
 class ModelResult(NamedTuple):
@@ -127,7 +128,7 @@ class Estimator:
         base = self.bases(sweeps)
         orientations = self._mounting.link_orientations(np.array([sweep.orientations for sweep in sweeps]))
         if self._heading_filter:
-            orientations = self._heading_filter.correct(stamps * 1e-9, orientations, measured, base)
+            orientations = self._heading_filter.correct(stamps / NS, orientations, measured, base)
         orientations = fill_missing(orientations, measured, self.arm, base)
         results = {
             name: self._fit(configured, orientations, base) for name, configured in self._models.items()

@@ -8,8 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sesa2.shape.rotations import FloatArray, slerp
-
-NS = 1_000_000_000
+from sesa2.time import NS
 
 # A jump back by more than this is a new recording (a looped bag), less is a late or disordered sample.
 RESET_NS = NS

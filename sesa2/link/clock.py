@@ -13,14 +13,16 @@ import time
 from collections import deque
 from typing import NamedTuple
 
+from sesa2.time import NS
+
 _WRAP = 1 << 32
 _BUCKET_NS = 500_000_000
 _BUCKETS = 120
 _BUCKETS_FOR_DRIFT = 6
 _LARGEST_DRIFT = 0.01  # a ceramic resonator stays within 0.5 %
 _AHEAD_NS = 100_000_000  # a packet this much before its time: one of the two clocks was stepped
-_BEHIND_NS = 1_000_000_000  # and this much behind it, for so long
-_PATIENCE_NS = 2_000_000_000
+_BEHIND_NS = NS  # and this much behind it, for so long
+_PATIENCE_NS = 2 * NS
 
 
 class _Point(NamedTuple):

@@ -5,6 +5,7 @@ import time
 from sesa2.link.clock import BoardClock, WallClock
 from sesa2.link.packets import Acceleration, Data, State, mask_of
 from sesa2.link.status import Counters, Event, Handler, Level
+from sesa2.time import NS
 
 _SILENCE_S = 0.25
 _SILENT_SWEEPS = 10
@@ -44,7 +45,7 @@ class Intake:
         self.latest: Data | None = None
         self.returned: set[int] = set()
         self._mask = mask_of(ids)
-        self._byte_ns = 10 * 1_000_000_000 // baud
+        self._byte_ns = 10 * NS // baud
         self._patience_s = max(_SILENCE_S, _SILENT_SWEEPS / rate_hz)
         self._handler = handler
         self._counters = counters

@@ -12,8 +12,9 @@ from collections.abc import Iterable
 
 import numpy as np
 
+from sesa2.time import NS
+
 LITTLE_ENDIAN = b'\x00\x01\x00\x00'
-NS = 1_000_000_000
 
 
 class Layout:

@@ -6,7 +6,8 @@ from typing import NamedTuple
 import numpy as np
 
 from sesa2.errors import Sesa2Error
-from sesa2.messages.cdr import NS, Layout
+from sesa2.messages.cdr import Layout
+from sesa2.time import NS
 
 TYPE = 'sensor_msgs/msg/Imu'
 

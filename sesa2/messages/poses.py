@@ -6,8 +6,8 @@ from typing import NamedTuple
 import numpy as np
 
 from sesa2.errors import Sesa2Error
-from sesa2.messages.cdr import NS
 from sesa2.shape.rotations import FloatArray
+from sesa2.time import NS
 
 _HEADER = 4  # of CDR; alignment counts from behind it
 _POSE = 7  # doubles: position x y z, orientation x y z w

@@ -8,6 +8,7 @@ from sesa2.configuration import Configuration
 from sesa2.estimation.estimator import Estimate, Estimator
 from sesa2.messages.cdr import Layout, Template
 from sesa2.messages.colours import model_colours
+from sesa2.messages.topic_names import of_model
 from sesa2.shape.rotations import FloatArray
 
 TYPES = {
@@ -66,7 +67,7 @@ class ResultMessages:
                 'marker_array': _marker_array(frame, name, n + 1, configuration),
             }
             for kind, layout in layouts.items():
-                self._templates[ResultTopic(f'{name}/{kind}', TYPES[kind])] = layout.template()
+                self._templates[ResultTopic(of_model(name, kind), TYPES[kind])] = layout.template()
 
     @property
     def topics(self) -> list[ResultTopic]:

@@ -11,6 +11,7 @@ from std_srvs.srv import Trigger
 
 from sesa2.configuration import ConfigurationError, Mistake
 from sesa2.errors import Sesa2Error
+from sesa2.messages.topic_names import imu_calibration, imu_name
 from sesa2.ros.diagnostics import ERROR, OK, WARN, Diagnostics
 from sesa2.ros.parameters import declare_configuration
 from sesa2.ros.qos import STREAM
@@ -41,7 +42,7 @@ class CalibrationNode(rclpy.node.Node):
         self._check_file()
         self._fusion = self.configuration.serial.fusion
         imus = self.configuration.imus
-        self._ids = [*imus.ids, imus.base_id] if imus.base_id else list(imus.ids)
+        self._ids = imus.all_ids
         self.saved: dict[int, Offsets] = {}
         self.steps: dict[int, str] = {}
         self._offsets: dict[int, Offsets] = {}
@@ -50,7 +51,7 @@ class CalibrationNode(rclpy.node.Node):
         # Not what was said before: it may be of chips that another bridge served. The present one repeats itself.
         self._subscriptions_of_imus = [
             self.create_subscription(
-                ImuCalibration, f'imu_{i}/calibration', functools.partial(self._take, i), STREAM
+                ImuCalibration, imu_calibration(i), functools.partial(self._take, i), STREAM
             )
             for i in self._ids
         ]
@@ -124,7 +125,7 @@ class CalibrationNode(rclpy.node.Node):
             saved = 'saved' if imu in self.saved else 'not saved'
             step = self.steps.get(imu, 'nothing heard')
             parts.append(
-                (f'imu_{imu}', OK if imu in self.saved else WARN, f'{step}; {saved}', {'saved': saved})
+                (imu_name(imu), OK if imu in self.saved else WARN, f'{step}; {saved}', {'saved': saved})
             )
         if self._failure:
             parts.append((str(self._file), ERROR, self._failure, {}))

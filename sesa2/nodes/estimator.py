@@ -23,14 +23,16 @@ from sesa2.estimation.sweeps import Sweep
 from sesa2.messages.imu_messages import read_imu
 from sesa2.messages.results import TYPES, ResultMessages
 from sesa2.messages.robot import describe_robot
+from sesa2.messages.topic_names import CONFIGURATION, imu_data, imu_name, of_model
 from sesa2.ros.diagnostics import ERROR, OK, WARN, Diagnostics
 from sesa2.ros.parameters import declare_configuration
 from sesa2.ros.qos import ANY_STREAM, LATCHED, STREAM
 from sesa2.ros.spinning import run_alone
 from sesa2.shape.rotations import FloatArray
+from sesa2.time import NS
 
 # What of the past `~/align` looks at: the arm was straight for so long.
-_POSE_NS = 3_000_000_000
+_POSE_NS = 3 * NS
 
 _CLASSES = {
     'joint_states': JointState,
@@ -70,23 +72,22 @@ class EstimatorNode(rclpy.node.Node):
             # What control waits for goes first.
             for topic in sorted(self._messages.topics, key=lambda topic: topic.type != TYPES['joint_states'])
         ]
-        self._configuration_publisher = self.create_publisher(String, 'configuration', LATCHED)
+        self._configuration_publisher = self.create_publisher(String, CONFIGURATION, LATCHED)
         self._publish_configuration()
         self._description_publishers = []
         for name in self._estimator.models:
-            publisher = self.create_publisher(String, f'{name}/robot_description', LATCHED)
+            publisher = self.create_publisher(String, of_model(name, 'robot_description'), LATCHED)
             publisher.publish(String(data=describe_robot(self.configuration, name)))
             self._description_publishers.append(publisher)
 
         imus = self.configuration.imus
-        self._ids = [*imus.ids, imus.base_id] if imus.base_id else list(imus.ids)
-        self._used = [*imus.enabled, True] if imus.base_id else list(imus.enabled)
+        self._ids = imus.all_ids
         # Our own bridge and player are reliable; with other people's drivers anything that can be heard will do.
         qos = ANY_STREAM if self.configuration.run.source == 'external' else STREAM
         self._subscriptions_of_imus = [
-            self.create_subscription(Imu, f'imu_{i}/data', self._take(index), qos, raw=True)
+            self.create_subscription(Imu, imu_data(i), self._take(index), qos, raw=True)
             for index, i in enumerate(self._ids)
-            if self._used[index]
+            if i in imus.used_ids
         ]
         self.received = Counter[int]()
         self._unreadable = 0
@@ -191,11 +192,11 @@ class EstimatorNode(rclpy.node.Node):
         alive = self.assembler.alive
         parts: list[tuple[str, bytes, str, dict[str, Any]]] = []
         for index, imu in enumerate(self._ids):
-            if not self._used[index]:
-                parts.append((f'imu_{imu}', OK, 'not enabled; interpolated from its neighbours', {}))
+            if imu not in self.configuration.imus.used_ids:
+                parts.append((imu_name(imu), OK, 'not enabled; interpolated from its neighbours', {}))
                 continue
             rate = (self.received[imu] - before[1][imu]) / elapsed
-            publishers = self.count_publishers(f'imu_{imu}/data')
+            publishers = self.count_publishers(imu_data(imu))
             level, text = OK, f'{rate:.1f} Hz'
             if publishers > 1:
                 level, text = (
@@ -204,7 +205,7 @@ class EstimatorNode(rclpy.node.Node):
                 )
             elif rate == 0.0 or not alive[index]:
                 level, text = WARN, 'nothing measured; interpolated from its neighbours'
-            parts.append((f'imu_{imu}', level, text, {'rate_hz': f'{rate:.1f}', 'publishers': publishers}))
+            parts.append((imu_name(imu), level, text, {'rate_hz': f'{rate:.1f}', 'publishers': publishers}))
         sweeps = (self.n_sweeps - before[2]) / elapsed
         dropped = {f'dropped: {reason}': n for reason, n in self.assembler.dropped.items()}
         counts = {

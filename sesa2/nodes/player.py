@@ -14,12 +14,13 @@ from sesa2.bags.recording import open_recording
 from sesa2.configuration import ConfigurationError, Mistake
 from sesa2.errors import Sesa2Error
 from sesa2.estimation.sweeps import RESET_NS
+from sesa2.messages.topic_names import imu_data
 from sesa2.ros.diagnostics import OK, Diagnostics
 from sesa2.ros.parameters import declare_configuration
 from sesa2.ros.qos import STREAM
 from sesa2.ros.spinning import run_alone
+from sesa2.time import NS
 
-_NS = 1_000_000_000
 _LISTENERS_PATIENCE_S = 3.0
 # What was published last is on its way to the estimator for a moment.
 _LINGER_S = 0.5
@@ -46,17 +47,15 @@ class Player(rclpy.node.Node):
         self._recording = open_recording(self._run.bag)
         self._imus = ImuRecording(self._recording)
         imus = self.configuration.imus
-        configured = [*imus.ids, imus.base_id] if imus.base_id else imus.ids
-        enabled = {i for i, used in zip(imus.ids, imus.enabled, strict=True) if used} | {imus.base_id}
-        unknown = sorted(set(self._imus.counts) - set(configured))
+        unknown = sorted(set(self._imus.counts) - set(imus.all_ids))
         if unknown:
             self.get_logger().warning(
                 f'IMUs {unknown} of the recording are not in imus.ids: nobody will use them'
             )
         self._publishers_of_imus = {
-            i: self.create_publisher(Imu, f'imu_{i}/data', STREAM) for i in self._imus.counts
+            i: self.create_publisher(Imu, imu_data(i), STREAM) for i in self._imus.counts
         }
-        self._awaited = [p for i, p in self._publishers_of_imus.items() if i in enabled]
+        self._awaited = [p for i, p in self._publishers_of_imus.items() if i in imus.used_ids]
         self._clock_publisher = self.create_publisher(Clock, '/clock', 10) if self._run.clock else None
         self._clock_ns = 0
         self.finished = False
@@ -112,7 +111,7 @@ class Player(rclpy.node.Node):
     def _paced(self) -> Iterator[tuple[Sample, float]]:
         """Each sample after the start, and how long to wait before it, s."""
         first_ns = newest_ns = None
-        skip_ns = round(self._run.start * _NS)
+        skip_ns = round(self._run.start * NS)
         began = time.monotonic()
         for sample in self._imus.samples():
             if first_ns is None:
@@ -124,14 +123,14 @@ class Player(rclpy.node.Node):
                 skip_ns = 0
             if not skip_ns:
                 newest_ns = max(newest_ns, sample.stamp_ns)
-                elapsed_s = (sample.stamp_ns - first_ns) / _NS
+                elapsed_s = (sample.stamp_ns - first_ns) / NS
                 yield sample, began + elapsed_s / self._run.rate - time.monotonic()
 
     def _publish_clock(self, stamp_ns: int) -> None:
         if self._clock_publisher and abs(stamp_ns - self._clock_ns) >= _CLOCK_PERIOD_NS:
             self._clock_ns = stamp_ns
             message = Clock()
-            message.clock.sec, message.clock.nanosec = divmod(stamp_ns, _NS)
+            message.clock.sec, message.clock.nanosec = divmod(stamp_ns, NS)
             self._clock_publisher.publish(message)
 
     def _report(self) -> list[tuple[str, bytes, str, dict[str, Any]]]:

@@ -18,6 +18,7 @@ from sesa2.configuration import ConfigurationError, Mistake, files
 from sesa2.errors import Sesa2Error
 from sesa2.messages.imu_messages import without_acceleration
 from sesa2.messages.results import TYPES
+from sesa2.messages.topic_names import CONFIGURATION, imu_calibration, imu_data, of_model
 from sesa2.ros.diagnostics import ERROR, OK, Diagnostics
 from sesa2.ros.parameters import declare_configuration
 from sesa2.ros.qos import ANY_STREAM, EVERY_LATCHED, STREAM
@@ -57,22 +58,21 @@ class Recorder(rclpy.node.Node):
         self._bag = record(c.record.file)
         self.path = self._bag.path
         self._write(
-            self._bag.add_topic(self._absolute('configuration'), 'std_msgs/msg/String', latched=True),
+            self._bag.add_topic(self._absolute(CONFIGURATION), 'std_msgs/msg/String', latched=True),
             bytes(serialize_message(String(data=files.dump(c)))),
         )
         self._bag.flush()
-        ids = [*c.imus.ids, c.imus.base_id] if c.imus.base_id else c.imus.ids
         qos = ANY_STREAM if c.run.source == 'external' else STREAM
-        for i in ids:
+        for i in c.imus.all_ids:
             if c.record.imu:
-                self._subscribe(Imu, 'sensor_msgs/msg/Imu', f'imu_{i}/data', qos)
+                self._subscribe(Imu, 'sensor_msgs/msg/Imu', imu_data(i), qos)
             self._subscribe(
-                ImuCalibration, 'sesa2_msgs/msg/ImuCalibration', f'imu_{i}/calibration', EVERY_LATCHED
+                ImuCalibration, 'sesa2_msgs/msg/ImuCalibration', imu_calibration(i), EVERY_LATCHED
             )
         if c.record.results:
             for model in c.models:
                 for kind, cls in _RESULTS.items():
-                    self._subscribe(cls, TYPES[kind], f'{model}/{kind}', STREAM)
+                    self._subscribe(cls, TYPES[kind], of_model(model, kind), STREAM)
         self._timer = self.create_timer(_FLUSH_PERIOD_S, self._flush)
         self._diagnostics = Diagnostics(self, str(self.path), self._report)
         self.get_logger().info(f'recording into {self.path}')

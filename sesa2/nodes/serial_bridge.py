@@ -23,16 +23,17 @@ from sesa2.link.requests import FusionMode
 from sesa2.link.session import LinkSettings, Session
 from sesa2.link.status import Counters, Event, ImuStatus, Level, OffsetsState
 from sesa2.messages.imu_messages import ImuMessages
+from sesa2.messages.topic_names import imu_calibration, imu_data, imu_name
 from sesa2.ros.diagnostics import ERROR, OK, WARN, Diagnostics
 from sesa2.ros.parameters import declare_configuration
 from sesa2.ros.qos import LATCHED, STREAM
 from sesa2.ros.spinning import run_alone
 from sesa2.sensing.imu.bno055.offsets import Offsets, OffsetsError, load_offsets
 from sesa2.sensing.imu.bno055.scores import Scores
+from sesa2.time import NS
 
 # Eight chips take 40 ms each; a chip that boots lets the board say "busy" for 0.7 s.
 _OFFSETS_PATIENCE_S = 5.0
-_NS = 1_000_000_000
 
 
 class SerialBridge(rclpy.node.Node):
@@ -54,12 +55,12 @@ class SerialBridge(rclpy.node.Node):
         super().__init__('serial_bridge', automatically_declare_parameters_from_overrides=True, **options)
         self.configuration = declare_configuration(self)
         c = self.configuration
-        self._ids = tuple(sorted([*c.imus.ids, c.imus.base_id] if c.imus.base_id else c.imus.ids))
+        self._ids = tuple(sorted(c.imus.all_ids))
         self._saved = self._load(c)
-        self._imu_messages = {i: ImuMessages(f'imu_{i}') for i in self._ids}
-        self._data_publishers = {i: self.create_publisher(Imu, f'imu_{i}/data', STREAM) for i in self._ids}
+        self._imu_messages = {i: ImuMessages(imu_name(i)) for i in self._ids}
+        self._data_publishers = {i: self.create_publisher(Imu, imu_data(i), STREAM) for i in self._ids}
         self._calibration_publishers = {
-            i: self.create_publisher(ImuCalibration, f'imu_{i}/calibration', LATCHED) for i in self._ids
+            i: self.create_publisher(ImuCalibration, imu_calibration(i), LATCHED) for i in self._ids
         }
         self._offsets: dict[int, Offsets] = {}
         self._scores: dict[int, Scores] = {}
@@ -209,8 +210,8 @@ class SerialBridge(rclpy.node.Node):
     def _publish_calibration(self, imu: int) -> None:
         now_ns = time.time_ns()
         message = ImuCalibration(id=imu)
-        message.header.frame_id = f'imu_{imu}'
-        message.header.stamp = Time(sec=now_ns // _NS, nanosec=now_ns % _NS)
+        message.header.frame_id = imu_name(imu)
+        message.header.stamp = Time(sec=now_ns // NS, nanosec=now_ns % NS)
         if scores := self._scores.get(imu):
             message.sys, message.gyro, message.accel, message.mag = scores
         if offsets := self._offsets.get(imu):
@@ -244,20 +245,20 @@ class SerialBridge(rclpy.node.Node):
 
     def _report_imu(self, imu: int, status: ImuStatus | None) -> tuple[str, bytes, str, dict[str, Any]]:
         if status is None:
-            return f'imu_{imu}', ERROR, 'not heard yet', {}
+            return imu_name(imu), ERROR, 'not heard yet', {}
         scores = Scores(*status.scores)
         fusion = self.configuration.serial.fusion
         values = {'state': status.state.name, 'errors': status.errors, **scores._asdict()}
         values['offsets'] = status.offsets.value
         if status.state is State.ABSENT:
-            return f'imu_{imu}', ERROR, 'does not answer: cable, power, multiplexer channel', values
+            return imu_name(imu), ERROR, 'does not answer: cable, power, multiplexer channel', values
         if status.state is not State.RUN:
-            return f'imu_{imu}', WARN, 'starts', values
+            return imu_name(imu), WARN, 'starts', values
         if status.offsets is OffsetsState.DIFFERENT:
-            return f'imu_{imu}', ERROR, 'works with other offsets than those saved', values
+            return imu_name(imu), ERROR, 'works with other offsets than those saved', values
         if fusion != 'IMU' and scores.mag == 0:
-            return f'imu_{imu}', WARN, 'magnetometer not calibrated: its heading means nothing', values
-        return f'imu_{imu}', OK, scores.next_step(fusion), values
+            return imu_name(imu), WARN, 'magnetometer not calibrated: its heading means nothing', values
+        return imu_name(imu), OK, scores.next_step(fusion), values
 
 
 def main() -> int:

@@ -12,6 +12,7 @@ from rclpy.task import Future
 from std_msgs.msg import String
 
 from sesa2.configuration import Configuration, ConfigurationError, files
+from sesa2.messages.topic_names import CONFIGURATION
 from sesa2.ros.graph_listening import Listener
 from sesa2.ros.graph_steering import GraphSteering
 from sesa2.ros.qos import LATCHED
@@ -69,7 +70,7 @@ class Viewer(rclpy.node.Node):
         self._planned: Configuration | None = None
         self._planned_text = ''
         self._asked: Future | None = None
-        self.create_subscription(String, 'configuration', self._take_configuration, LATCHED)
+        self.create_subscription(String, CONFIGURATION, self._take_configuration, LATCHED)
         self._frame_timer = self.create_timer(_FRAME_S, self._draw)
         self._ask_timer = self.create_timer(_ASK_S, self._ask)
         print(f'the arm is shown on {self.address}', flush=True)

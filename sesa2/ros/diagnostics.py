@@ -6,6 +6,8 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
 
+from sesa2.messages.topic_names import DIAGNOSTICS
+
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 
 
@@ -29,7 +31,7 @@ class Diagnostics:
         report: Callable[[], list[tuple[str, bytes, str, Mapping[str, Any]]]],
     ):
         self._node, self._hardware_id, self._report = node, hardware_id, report
-        self._publisher = node.create_publisher(DiagnosticArray, '/diagnostics', 10)
+        self._publisher = node.create_publisher(DiagnosticArray, DIAGNOSTICS, 10)
         self._timer = node.create_timer(1.0, self.publish)
 
     def publish(self) -> None:

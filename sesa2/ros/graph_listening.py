@@ -19,16 +19,24 @@ from sesa2.configuration import Configuration
 from sesa2.errors import Sesa2Error
 from sesa2.messages.imu_messages import read_imu
 from sesa2.messages.poses import read_path, read_pose_array
+from sesa2.messages.topic_names import (
+    DIAGNOSTICS,
+    TRUTH_MARKERS,
+    TRUTH_SHAPE,
+    imu_calibration,
+    imu_data,
+    of_model,
+)
 from sesa2.ros.qos import LATCHED
 from sesa2.sensing.imu.bno055.scores import Scores
 from sesa2.shape.rotations import FloatArray
+from sesa2.time import NS
 from sesa2.viewer.live import Diagnostic, Live
 
 _SILENT_S = 0.5  # an IMU that has said nothing for so long is drawn grey
 _NO_TRUTH_S = 2.0  # a truth that has said nothing for so long is not drawn; some cameras are slow
 # Of a stream only the newest message is wanted, and nobody must ever wait for a viewer.
 _NEWEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
-_NS = 1_000_000_000
 
 
 class _Newest:
@@ -73,10 +81,10 @@ class Listener:
         self._imus: dict[int, _Newest] = {}
         self._last_heard: dict[int, float] = {}
         self._calibrations: dict[int, Subscription] = {}
-        self._truth_markers = _Newest(streams, PoseArray, 'truth/markers')
+        self._truth_markers = _Newest(streams, PoseArray, TRUTH_MARKERS)
         self._truth_heard = {'markers': 0.0, 'shape': 0.0}
-        self._truth_shape = _Newest(streams, Path, 'truth/shape')
-        node.create_subscription(DiagnosticArray, '/diagnostics', self._take_diagnostics, 10)
+        self._truth_shape = _Newest(streams, Path, TRUTH_SHAPE)
+        node.create_subscription(DiagnosticArray, DIAGNOSTICS, self._take_diagnostics, 10)
 
     def listen_to(self, c: Configuration) -> None:
         """Subscribe to what a configuration publishes, and to nothing else."""
@@ -88,17 +96,17 @@ class Listener:
         for key in set(self._results) - wanted:
             self._results.pop(key).close()
         for model, kind in wanted - set(self._results):
-            self._results[model, kind] = _Newest(self._streams, kinds[kind], f'{model}/{kind}')
-        ids = {*c.imus.ids, *([c.imus.base_id] if c.imus.base_id else [])}
+            self._results[model, kind] = _Newest(self._streams, kinds[kind], of_model(model, kind))
+        ids = set(c.imus.all_ids)
         for i in set(self._imus) - ids:
             self._imus.pop(i).close()
             self._node.destroy_subscription(self._calibrations.pop(i))
             live.sensors.pop(i, None)
             live.scores.pop(i, None)
         for i in ids - set(self._imus):
-            self._imus[i] = _Newest(self._streams, Imu, f'imu_{i}/data')
+            self._imus[i] = _Newest(self._streams, Imu, imu_data(i))
             self._calibrations[i] = self._node.create_subscription(
-                ImuCalibration, f'imu_{i}/calibration', partial(self._take_calibration, i), LATCHED
+                ImuCalibration, imu_calibration(i), partial(self._take_calibration, i), LATCHED
             )
 
     def update(self) -> None:
@@ -111,7 +119,7 @@ class Listener:
             poses, arrived_ns = got
             if kind == 'shape':
                 live.backbones[model] = poses.poses
-                live.latency_s = (arrived_ns - poses.stamp_ns) / _NS
+                live.latency_s = (arrived_ns - poses.stamp_ns) / NS
             else:
                 live.markers[model] = poses.poses
         for i, newest in self._imus.items():

@@ -107,7 +107,7 @@ def simulate(
 
 def _sensor_ids(configuration: Configuration) -> list[int]:
     imus = configuration.imus
-    return [*imus.ids, imus.base_id] if imus.base_id else list(imus.ids)
+    return list(imus.all_ids)
 
 
 def _measure(

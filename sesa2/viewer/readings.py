@@ -96,7 +96,7 @@ def calibration_html(live: Live) -> str:
     c = live.configuration
     if c is None or not live.scores:
         return _block('No IMU has told its calibration yet: it comes from the board.')
-    ids = [*c.imus.ids, c.imus.base_id] if c.imus.base_id else c.imus.ids
+    ids = c.imus.all_ids
     head = ''.join(f'<th>{h}</th>' for h in ('IMU', *Scores._fields))
     rows = []
     for i in ids:

@@ -19,6 +19,7 @@ from sesa2.link.virtual.chip import Chip
 from sesa2.link.virtual.firmware import Firmware
 from sesa2.link.virtual.motion import FloatArray
 from sesa2.link.virtual.virtual_arm import VirtualArm
+from sesa2.time import NS
 
 _LONGEST_WAIT_S = 1.0
 
@@ -96,7 +97,7 @@ class VirtualBoard:
 
     def motion_time(self, monotonic_ns: float) -> float:
         """Time of the motion, s, at a time of `time.monotonic_ns`."""
-        return (monotonic_ns - self._epoch_ns) * 1e-9
+        return (monotonic_ns - self._epoch_ns) / NS
 
     def motion_time_of(self, t_us: float) -> float:
         """Time of the motion, s, at a time of the board's clock, µs, of its latest start and at most an hour ago."""
