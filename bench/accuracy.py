@@ -22,6 +22,8 @@ from sesa2.estimation.sweeps import Sweep
 from sesa2.evaluation.evaluate import evaluate
 from sesa2.evaluation.trajectory import Trajectory
 from sesa2.shape.arm import Arm
+from sesa2.shape.layout import Layout
+from sesa2.shape.measured import Measured
 from sesa2.shape.models import create_model
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -52,12 +54,12 @@ def twin_rows(path):
         times, q, exact = trial['ti'], trial['q'][:, 1:, [1, 2, 3, 0]], trial['qtrue'][:, 1:, [1, 2, 3, 0]]
         truth = Trajectory(trial['t100'], trial['M100'], tuple(MARKERS))
     c = files.load(ROOT / 'config/prototype3_8.yaml')
-    as_in_the_paper = replace(c, models=('rigid',), rigid=replace(c.rigid, boundaries='endpoint'))
-    c = replace(
-        c, models=('rigid', 'pcc', 'pcc_exact', 'spline'), rigid=replace(c.rigid, boundaries='midpoint')
+    as_in_the_paper = replace(c, models=('rigid',)).with_options('rigid', boundaries='endpoint')
+    c = replace(c, models=('rigid', 'pcc', 'pcc_exact', 'spline')).with_options(
+        'rigid', boundaries='midpoint'
     )
     began = time.perf_counter()
-    found = self_calibrate(times, q, np.ones(q.shape[:2], bool), c.geometry, c.base, c.mountings, c.headings)
+    found = self_calibrate(times, q, np.ones(q.shape[:2], bool), c.layout, c.base, c.mountings, c.headings)
     took = time.perf_counter() - began
     calibrated = c.with_alignment(found.mountings, found.headings)
     filtered = replace(calibrated, imus=replace(calibrated.imus, heading_filter=True))
@@ -89,7 +91,7 @@ def softarm_rows(path):
     tracked = (chord >= 0.195) & (chord <= 0.212) & (bend <= 60.0)
     p, q = p[tracked], q[tracked]
     ends = np.cumsum([0.2116, 0.2103, 0.2092])
-    model = create_model('pcc_exact', Arm(float(ends[-1]), tuple(ends.tolist())))
+    model = create_model('pcc_exact', Layout(Arm(float(ends[-1])), tuple(ends.tolist())))
     half = len(p) // 2
     times = np.arange(len(p), dtype=float)
     names = ('low', 'middle', 'up')
@@ -101,7 +103,7 @@ def softarm_rows(path):
             (Rotation.from_quat(q[:, k]) * Rotation.from_rotvec(offset)).as_quat()
             for k, offset in enumerate(offsets)
         ]
-        return model.fit(np.stack(frames[1:], axis=1), frames[0]).positions(ends) + p[:, :1]
+        return model.fit(Measured(np.stack(frames[1:], axis=1), frames[0])).positions(ends) + p[:, :1]
 
     def tip(points, register):
         estimate = {'pcc_exact': Trajectory(times, points, names)}

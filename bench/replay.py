@@ -5,7 +5,6 @@ import subprocess
 import sys
 import tempfile
 import time
-from dataclasses import replace
 from pathlib import Path
 
 from sesa2.configuration import files
@@ -34,7 +33,7 @@ def rows(data):
         c = files.load(ROOT / 'config/prototype3_8.yaml')
         few, many = work / 'few.yaml', work / 'many.yaml'
         few.write_text(files.dump(c))
-        many.write_text(files.dump(replace(c, pcc=replace(c.pcc, segments=(8,) * 8))))
+        many.write_text(files.dump(c.with_options('pcc', segments=(8,) * 8)))
         command = [sys.executable, '-m', 'sesa2.cli', 'replay']
         memory = {}
         for name, config, source, target in (

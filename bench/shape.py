@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation, Slerp
 from sesa2.configuration import validate
 from sesa2.estimation.estimator import Estimator
 from sesa2.estimation.sweeps import Sweep
+from sesa2.shape.measured import Measured
 from sesa2.shape.rotations import IDENTITY, from_rotation_vector, multiply
 
 POSITIONS = [0.08, 0.16, 0.24, 0.32, 0.40, 0.48, 0.56, 0.64]
@@ -78,7 +79,7 @@ def rows():
     ours, theirs = in_turn(lambda: spline.estimate(one), lambda: pcc.estimate(one), 100)
     yield 'one sweep, spline of 64 links', ours, 'pcc', theirs, 1
     models = [e.models[name] for e, name in ((spline, 'spline'), (pcc, 'pcc'))]
-    ours, theirs = in_turn(*(lambda m=m: m.fit(q).positions(m.link_ends) for m in models), 100)
+    ours, theirs = in_turn(*(lambda m=m: m.fit(Measured(q)).positions(m.link_ends) for m in models), 100)
     yield 'one sweep, positions alone, spline', ours, 'pcc', theirs, 1
     for name in ('rigid', 'pcc'):
         model = Estimator(configuration(name))

@@ -66,7 +66,7 @@ def configuration():
 
     c = files.load(ROOT / 'config/prototype3_8.yaml')
     return files.dump(
-        replace(c, models=('pcc', 'pcc_exact', 'spline'), pcc=replace(c.pcc, segments=(8,) * 8))
+        replace(c, models=('pcc', 'pcc_exact', 'spline')).with_options('pcc', segments=(8,) * 8)
     )
 
 

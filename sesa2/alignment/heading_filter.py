@@ -8,7 +8,7 @@ from sesa2.alignment.shape_prior import (
     ShapePrior,
     likelier_twist,
 )
-from sesa2.shape.arm import Arm
+from sesa2.shape.layout import Layout
 from sesa2.shape.missing import fill_missing
 from sesa2.shape.rotations import FloatArray, multiply
 
@@ -31,8 +31,8 @@ class HeadingFilter:
 
     Parameters
     ----------
-    arm
-        the arm.
+    layout
+        the arm and its IMUs.
     drift_std
         standard deviation of a heading about its calibrated value, rad.
     drift_time
@@ -46,11 +46,11 @@ class HeadingFilter:
         their uncertainty, rad².
     """
 
-    def __init__(self, arm: Arm, drift_std: float = DRIFT_STD, drift_time: float = DRIFT_TIME):
-        self._arm = arm
-        self._prior = ShapePrior(arm, heading_scatter=TILT_SCATTER)
+    def __init__(self, layout: Layout, drift_std: float = DRIFT_STD, drift_time: float = DRIFT_TIME):
+        self._layout = layout
+        self._prior = ShapePrior(layout, heading_scatter=TILT_SCATTER)
         self._variance, self._time = drift_std**2, drift_time
-        self._n_imu = len(arm.imu_positions)
+        self._n_imu = layout.n_imu
         self.reset()
 
     def reset(self) -> None:
@@ -125,7 +125,7 @@ class HeadingFilter:
 
     def _look(self, links: FloatArray, measured: np.ndarray, base: FloatArray) -> None:
         q, there, bases = links[None], measured[None], np.asarray(base, dtype=float)[None]
-        q = fill_missing(q, there, self._arm, bases)
+        q = fill_missing(q, there, self._layout, bases)
         curvature = self._prior.first_guess(q, bases)
         for _ in range(_GAUSS_NEWTON_STEPS):
             y, J, _ = self._prior.linearise(curvature, q, bases)

@@ -12,7 +12,7 @@ import numpy as np
 from sesa2.alignment.shape_prior import INDEPENDENCE_TIME, TWIST, ShapePrior, likelier_twist
 from sesa2.errors import Sesa2Error
 from sesa2.sensing.imu.mounting import Mounting
-from sesa2.shape.arm import Arm
+from sesa2.shape.layout import Layout
 from sesa2.shape.missing import fill_missing
 from sesa2.shape.rotations import (
     FloatArray,
@@ -109,7 +109,7 @@ def self_calibrate(
     stamps: FloatArray,
     orientations: FloatArray,
     measured: np.ndarray,
-    arm: Arm,
+    layout: Layout,
     base: FloatArray,
     mountings: FloatArray,
     headings: FloatArray,
@@ -131,8 +131,8 @@ def self_calibrate(
         q_WS as measured, x y z w, unit norm.
     measured : (n, n_imu)
         true where the IMU has measured.
-    arm
-        the arm.
+    layout
+        the arm and its IMUs.
     base : (4,)
         or (n, 4), q_WB, x y z w. It is taken as exact: a heading that all IMUs and the base share cannot be seen.
     mountings : (n_imu, 4)
@@ -164,14 +164,14 @@ def self_calibrate(
     bases = np.broadcast_to(base, (len(stamps), 4))[tried]
     coarse = _coarse_headings(Mounting(mountings, headings).link_orientations(links), there, bases)
     links = Mounting(mountings, headings + coarse).link_orientations(links)
-    links = fill_missing(links, there, arm, bases)
+    links = fill_missing(links, there, layout, bases)
     chosen = _distinct_shapes(links, bases)
     if len(chosen) < MIN_SHAPES:
         raise CalibrationError(
             f'the arm took {len(chosen)} shapes that differ by more than {np.rad2deg(_DISTINCT):.0f}° somewhere, '
             f'expected at least {MIN_SHAPES}: move it more'
         )
-    solver = _Solver(arm, links[chosen], there[chosen], bases[chosen], (mounting_std, heading_std))
+    solver = _Solver(layout, links[chosen], there[chosen], bases[chosen], (mounting_std, heading_std))
     solver.weight = min(1.0, seconds / INDEPENDENCE_TIME / len(chosen))
     solver.solve()
     if solver.misfit > _NO_FIT:
@@ -235,14 +235,14 @@ class _Solver:
 
     def __init__(
         self,
-        arm: Arm,
+        layout: Layout,
         links: FloatArray,
         measured: np.ndarray,
         bases: FloatArray,
         expected: tuple[float, float],
     ):
         n_imu = links.shape[1]
-        self._prior = ShapePrior(arm)
+        self._prior = ShapePrior(layout)
         self._links, self._measured, self._bases = links, measured, bases
         self._rows = 3 * measured.sum(axis=-1)
         self._heard = measured.any(axis=0)

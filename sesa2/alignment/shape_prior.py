@@ -10,8 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sesa2.shape.arm import Arm
-from sesa2.shape.model import with_base
+from sesa2.shape.layout import Layout
+from sesa2.shape.measured import with_base
 from sesa2.shape.rotations import (
     FloatArray,
     conjugate,
@@ -82,14 +82,14 @@ class ShapePrior:
 
     Parameters
     ----------
-    arm
-        the arm.
+    layout
+        the arm and its IMUs.
     heading_scatter
         of an IMU, rad.
     """
 
-    def __init__(self, arm: Arm, heading_scatter: float = HEADING_SCATTER):
-        stations = arm.stations / arm.length
+    def __init__(self, layout: Layout, heading_scatter: float = HEADING_SCATTER):
+        stations = layout.stations / layout.arm.length
         self._sections = np.diff(stations)
         counts = np.ceil(_CELLS * self._sections / stations[-1] - 1e-9).astype(int)
         self._section = np.repeat(np.arange(len(counts)), counts)

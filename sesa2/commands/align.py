@@ -116,7 +116,7 @@ def _from_motion(
         raise Sesa2Error(
             '--headings is for a straight pose; with --self the motion tells the headings anyway'
         )
-    found = self_calibrate(t, q, measured, c.geometry, base, c.mountings, c.headings)
+    found = self_calibrate(t, q, measured, c.layout, base, c.mountings, c.headings)
     rows = [
         (i, *(f'{np.rad2deg(v):+.2f} ± {np.rad2deg(s):.2f}' for v, s in zip(values, std, strict=True)))
         for i, values, std in zip(c.imus.ids, found.corrections, found.std, strict=True)

@@ -136,7 +136,6 @@ class _Estimate(NamedTuple):
 
 def _read_estimate(path: Path, models: Sequence[str] | None) -> _Estimate:
     from sesa2.bags.reading import read_backbone, read_configuration, read_poses
-    from sesa2.shape.models import create_model
 
     text = read_configuration(path)
     if text is None:
@@ -151,7 +150,7 @@ def _read_estimate(path: Path, models: Sequence[str] | None) -> _Estimate:
         times, positions = _increasing(poses.times_s, poses.positions)
         estimates[name] = Trajectory(times, positions, c.markers.names)
     # For the figures: a pose that shows the arm well bent, its last marker being a median distance from the base.
-    model = create_model(chosen[-1], c.geometry, **c.model_options(chosen[-1]))
+    model = c.create_model(chosen[-1])
     reach = np.linalg.norm(poses.positions[:, -1], axis=-1)
     pose = read_backbone(path, of_model(chosen[-1], 'shape'), int(np.argsort(reach)[len(reach) // 2]))
     return _Estimate(c, estimates, poses.frame, (model.link_ends, pose))

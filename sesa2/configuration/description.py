@@ -5,7 +5,6 @@ from collections.abc import Sequence
 import numpy as np
 
 from sesa2.configuration.records import Configuration
-from sesa2.shape.models import create_model
 
 
 def describe(c: Configuration) -> str:
@@ -58,7 +57,7 @@ def _timing(c: Configuration) -> str:
 
 
 def _model(c: Configuration, name: str) -> tuple[object, ...]:
-    model = create_model(name, c.geometry, **c.model_options(name))
+    model = c.create_model(name)
     lengths = 1e3 * np.diff(model.link_ends)
     return (
         name,

@@ -1,7 +1,6 @@
 """The configuration's file: a ROS 2 parameter file, in YAML."""
 
 import sys
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -128,20 +127,16 @@ def dump(configuration: Configuration) -> str:
     Empty lists are left out, since ROS cannot read them.
     """
     values: dict[str, Any] = {}
-    for name, value in asdict(configuration).items():
-        value = _plain(value)
-        if isinstance(value, dict):
-            value = {k: v for k, v in value.items() if v != []}
-        if value not in ({}, []):
-            values[name] = value
+    for path, value in configuration.flat().items():
+        section, _, name = path.rpartition('.')
+        if value != ():
+            (values.setdefault(section, {}) if section else values)[name] = _plain(value)
     return yaml.dump(
         {'/**': {'ros__parameters': values}}, Dumper=_Dumper, sort_keys=False, width=120, allow_unicode=True
     )
 
 
 def _plain(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {k: _plain(v) for k, v in value.items()}
     return list(value) if isinstance(value, tuple) else value
 
 

@@ -1,48 +1,19 @@
 """What a configuration holds. Each field says its default, meaning and range; validation and ROS read them here."""
 
-from collections.abc import Iterator
-from dataclasses import asdict, dataclass, field, fields, is_dataclass, replace
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, fields, is_dataclass, replace
 from typing import Any, get_type_hints
 
 import numpy as np
 
-from sesa2.shape.arm import Arm
+from sesa2.shape.arm import Arm, GeometryError
+from sesa2.shape.layout import Layout
+from sesa2.shape.model import Model
 from sesa2.shape.models import MODELS
+from sesa2.shape.options import REQUIRED, ModelOptions, parameter
 from sesa2.shape.rotations import FloatArray
 
 Floats = tuple[float, ...]
-
-REQUIRED = ()  # a list that is not given and has no default of its own is filled in by validation, or missed there
-
-
-def parameter(
-    default: Any,
-    meaning: str,
-    *,
-    low: float | None = None,
-    high: float | None = None,
-    above: float | None = None,
-    choices: tuple[Any, ...] = (),
-) -> Any:
-    """A field of a record.
-
-    Parameters
-    ----------
-    default
-        its value where the file says nothing.
-    meaning
-        for people, with the unit.
-    low, high
-        bounds, inclusive, of a number or of each entry of a list.
-    above
-        bound, exclusive.
-    choices
-        allowed values, of it or of each entry.
-    """
-    return field(
-        default=default,
-        metadata={'meaning': meaning, 'low': low, 'high': high, 'above': above, 'choices': choices},
-    )
 
 
 @dataclass(frozen=True)
@@ -123,25 +94,6 @@ class Markers:
 
 
 @dataclass(frozen=True)
-class RigidSection:
-    """Options of the model `rigid`."""
-
-    boundaries: str | Floats = parameter(
-        'midpoint', 'where links meet: midpoint or endpoint, or the arc lengths between the IMUs, m'
-    )
-    base_link_length: float = parameter(0.0, 'L₀, length of a first link oriented as the base, m', low=0.0)
-
-
-@dataclass(frozen=True)
-class PccSection:
-    """Options of the model `pcc`."""
-
-    segments: tuple[int, ...] = parameter(
-        REQUIRED, 'number of links of each section, one per IMU', low=1, high=1000
-    )
-
-
-@dataclass(frozen=True)
 class Serial:
     """The board's port and what is asked of the board."""
 
@@ -171,16 +123,20 @@ class Record:
 
 @dataclass(frozen=True)
 class Configuration:
-    """A whole configuration; made by `validate`, which fills in and checks."""
+    """A whole configuration; made by `validate`, which fills in and checks.
+
+    In files and as parameters `options` is not seen: each model's options stand in a section of its name.
+    """
 
     run: Run = field(default_factory=Run)
     arm: ArmSection = field(default_factory=ArmSection)
     imus: Imus = field(default_factory=Imus)
     markers: Markers = field(default_factory=Markers)
-    models: tuple[str, ...] = parameter(('rigid', 'pcc'), 'shape models to run', choices=tuple(MODELS))
+    models: tuple[str, ...] = parameter(('rigid', 'pcc'), 'shape models to run', choices=MODELS)
     links: int = parameter(64, 'links that stand for a curve on the ROS graph', low=1, high=1000)
-    rigid: RigidSection = field(default_factory=RigidSection)
-    pcc: PccSection = field(default_factory=PccSection)
+    options: Mapping[str, ModelOptions] = field(
+        default_factory=lambda: {n: m.Options() for n, m in MODELS.items()}
+    )
     time_alignment: str = parameter(
         'none', 'samples as they come, or interpolated to one instant', choices=('none', 'interpolate')
     )
@@ -192,9 +148,9 @@ class Configuration:
     record: Record = field(default_factory=Record)
 
     @property
-    def geometry(self) -> Arm:
-        """The arm as the shape models want it."""
-        return Arm(self.arm.length, self.imus.positions)
+    def layout(self) -> Layout:
+        """The arm and its sensors as the shape models want them."""
+        return Layout(Arm(self.arm.length), self.imus.positions)
 
     @property
     def base(self) -> FloatArray:
@@ -226,29 +182,63 @@ class Configuration:
         )
         return replace(self, imus=imus)
 
-    def model_options(self, name: str) -> dict[str, Any]:
-        """Options of a model: its own section where it has one, else the number of links of a curve."""
-        own = getattr(self, name, None)
-        return asdict(own) if is_dataclass(own) and not isinstance(own, type) else {'links': self.links}
+    def with_options(self, model: str, **values: Any) -> 'Configuration':
+        """The same with other options of a model."""
+        return replace(self, options={**self.options, model: replace(self.options[model], **values)})
+
+    def create_model(self, name: str, layout: Layout | None = None) -> Model[Any]:
+        """A model with its options, for this arm and its sensors or for another layout.
+
+        Raises
+        ------
+        GeometryError
+            its options do not fit.
+        """
+        options, layout = self.options[name], layout or self.layout
+        shared = {item.name: getattr(self, item.name) for item in fields(options) if item.name in _SHARED}
+        return MODELS[name](layout, replace(options, **shared).filled(layout.n_imu))
 
     def flat(self) -> dict[str, Any]:
         """Every parameter by its dotted name, as ROS wants them."""
-        return {
-            path: getattr(getattr(self, path.split('.')[0]), path.split('.')[1])
-            if '.' in path
-            else getattr(self, path)
-            for path, _, _ in leaves()
-        }
+        return {path: self._value(path) for path, _, _ in leaves()}
+
+    def _value(self, path: str) -> Any:
+        section, _, name = path.rpartition('.')
+        if not section:
+            return getattr(self, name)
+        return getattr(self.options[section] if section in self.options else getattr(self, section), name)
+
+
+_SHARED = frozenset(item.name for item in fields(Configuration))
+
+
+def sections() -> dict[str, Any]:
+    """Record of every section by its name: those of the configuration, then the options of models."""
+    hints = get_type_hints(Configuration)
+    kinds: dict[str, Any] = {name: kind for name, kind in hints.items() if is_dataclass(kind)}
+    for name, model in MODELS.items():
+        if name in _SHARED:
+            raise GeometryError(f'a model cannot be named {name!r}: the configuration has a key of this name')
+        kinds[name] = model.Options
+    return kinds
 
 
 def leaves() -> Iterator[tuple[str, Any, Any]]:
-    """Every parameter: its dotted name, its type and its field."""
-    hints = get_type_hints(Configuration)
+    """Every parameter: its dotted name, its type and its field; each model's options behind the number of links."""
+    hints, records = get_type_hints(Configuration), sections()
+
+    def of_section(name: str) -> Iterator[tuple[str, Any, Any]]:
+        inner = get_type_hints(records[name])
+        for leaf in fields(records[name]):
+            if name not in MODELS or leaf.name not in _SHARED:
+                yield f'{name}.{leaf.name}', inner[leaf.name], leaf
+
     for item in fields(Configuration):
-        if is_dataclass(hints[item.name]):
-            inner = get_type_hints(hints[item.name])
-            for leaf in fields(hints[item.name]):
-                yield f'{item.name}.{leaf.name}', inner[leaf.name], leaf
+        if item.name == 'options':
+            for name in MODELS:
+                yield from of_section(name)
+        elif item.name in records:
+            yield from of_section(item.name)
         else:
             yield item.name, hints[item.name], item
 

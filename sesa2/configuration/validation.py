@@ -2,14 +2,15 @@
 
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import is_dataclass, replace
+from dataclasses import replace
 from difflib import get_close_matches
-from typing import Any, NamedTuple, get_args, get_origin, get_type_hints
+from typing import Any, NamedTuple, get_args, get_origin
 
-from sesa2.configuration.records import REQUIRED, Configuration, leaves
+from sesa2.configuration.records import Configuration, leaves, sections
 from sesa2.errors import Sesa2Error
 from sesa2.shape.arm import GeometryError
-from sesa2.shape.models import create_model
+from sesa2.shape.models import MODELS
+from sesa2.shape.options import REQUIRED, ModelOptions
 
 
 class Mistake(NamedTuple):
@@ -69,10 +70,10 @@ def validate(values: Mapping[str, Any], source: str = 'configuration') -> Config
 
 
 def _flatten(values: Mapping[str, Any], mistakes: list[Mistake]) -> dict[str, Any]:
-    sections = {n for n, kind in get_type_hints(Configuration).items() if is_dataclass(kind)}
+    known = sections()
     flat: dict[str, Any] = {}
     for key, value in values.items():
-        if key in sections and not isinstance(value, Mapping):
+        if key in known and not isinstance(value, Mapping):
             mistakes.append(Mistake(str(key), f'got {value!r}, expected a section with keys'))
         elif isinstance(value, Mapping):
             flat.update({f'{key}.{inner}': item for inner, item in value.items()})
@@ -134,35 +135,43 @@ def _one(place: str, kind: type, rule: Mapping[str, Any], value: Any, mistakes: 
         allowed = f'one of {", ".join(map(str, choices))}'
         nearest = get_close_matches(str(value), map(str, choices), n=1)
         allowed += f'; did you mean {nearest[0]}?' if nearest else ''
-    elif above is not None and not value > above:
-        allowed = f'more than {above:g}'
-    elif (low is not None and value < low) or (high is not None and value > high):
-        allowed = f'{low:g} to {high:g}' if high is not None else f'at least {low:g}'
+    elif (
+        (above is not None and not value > above)
+        or (low is not None and value < low)
+        or (high is not None and value > high)
+    ):
+        allowed = _range(low, high, above)
     if allowed:
         mistakes.append(Mistake(place, f'got {value!r}, expected {allowed}'))
         return None
     return value
 
 
+def _range(low: float | None, high: float | None, above: float | None) -> str:
+    if low is not None and high is not None:
+        return f'{low:g} to {high:g}'
+    bounds = ((above, 'more than'), (low, 'at least'), (high, 'at most'))
+    return ' and '.join(f'{words} {bound:g}' for bound, words in bounds if bound is not None)
+
+
 def _build(read: Mapping[str, Any]) -> Configuration:
-    top: dict[str, Any] = {}
-    for name, kind in get_type_hints(Configuration).items():
-        if is_dataclass(kind):
-            own = {path.split('.')[1]: v for path, v in read.items() if path.startswith(f'{name}.')}
-            top[name] = kind(**own)  # type: ignore[operator]
-        elif name in read:
-            top[name] = read[name]
-    return Configuration(**top)
+    top: dict[str, Any] = {path: value for path, value in read.items() if '.' not in path}
+    options: dict[str, ModelOptions] = {}
+    for name, kind in sections().items():
+        own = kind(**{path.split('.')[1]: v for path, v in read.items() if path.startswith(f'{name}.')})
+        if name in MODELS:
+            options[name] = own
+        else:
+            top[name] = own
+    return Configuration(**top, options=options)
 
 
 def _fill(c: Configuration) -> Configuration:
-    """Lists that were not given: every IMU enabled, two links per section."""
+    """Lists that were not given: every IMU enabled, and what each model makes of its own."""
     n = len(c.imus.ids)
     if c.imus.enabled == REQUIRED:
         c = replace(c, imus=replace(c.imus, enabled=(True,) * n))
-    if c.pcc.segments == REQUIRED:
-        c = replace(c, pcc=replace(c.pcc, segments=(2,) * n))
-    return c
+    return replace(c, options={name: own.filled(n) for name, own in c.options.items()})
 
 
 def _check(c: Configuration) -> list[Mistake]:
@@ -236,7 +245,7 @@ def _check(c: Configuration) -> list[Mistake]:
     if not mistakes:
         for name in c.models:
             try:
-                create_model(name, c.geometry, **c.model_options(name))
+                c.create_model(name)
             except GeometryError as error:
                 mistakes.append(Mistake(name, str(error)))
     return mistakes

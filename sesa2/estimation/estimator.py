@@ -1,7 +1,7 @@
 """Sweeps in, the arm's shape by every configured model out; one sweep or a whole batch."""
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -10,9 +10,9 @@ from sesa2.configuration import Configuration
 from sesa2.estimation.sweeps import Sweep, SweepAssembler
 from sesa2.sensing.imu.mounting import Mounting
 from sesa2.shape.joints import WARN_COSINE, JointAngles, hold_x, joint_angles
+from sesa2.shape.measured import Measured
 from sesa2.shape.missing import fill_missing
 from sesa2.shape.model import Model
-from sesa2.shape.models import create_model
 from sesa2.shape.rotations import IDENTITY, FloatArray, conjugate, multiply, rotate
 from sesa2.time import NS
 
@@ -61,7 +61,7 @@ class Estimate(NamedTuple):
 class _Configured:
     """A model and the arc lengths at which it is asked."""
 
-    def __init__(self, model: Model, markers: Sequence[float]):
+    def __init__(self, model: Model[Any], markers: Sequence[float]):
         self.model = model
         # Where a link ends it is oriented as that link is; only the tip and the markers are asked for exactly.
         self.positions_at = np.concatenate([model.link_ends, markers])
@@ -80,17 +80,17 @@ class Estimator:
 
     def __init__(self, configuration: Configuration):
         self.configuration = configuration
-        self.arm = configuration.geometry
+        self.layout = configuration.layout
         self._mounting = Mounting(configuration.mountings, configuration.headings)
         self._base = configuration.base
         self._base_mounting = Mounting(
             np.array([configuration.imus.base_mount_orientation], dtype=float), np.zeros(1)
         )
-        self._heading_filter = HeadingFilter(self.arm) if configuration.imus.heading_filter else None
+        self._heading_filter = HeadingFilter(self.layout) if configuration.imus.heading_filter else None
         self._in_world = configuration.arm.output_frame == 'world'
         self._models = {
             name: _Configured(
-                create_model(name, self.arm, **configuration.model_options(name)),
+                configuration.create_model(name),
                 configuration.markers.positions,
             )
             for name in configuration.models
@@ -100,7 +100,7 @@ class Estimator:
         )
 
     @property
-    def models(self) -> dict[str, Model]:
+    def models(self) -> dict[str, Model[Any]]:
         """The models, in the order of the configuration."""
         return {name: configured.model for name, configured in self._models.items()}
 
@@ -129,7 +129,7 @@ class Estimator:
         orientations = self._mounting.link_orientations(np.array([sweep.orientations for sweep in sweeps]))
         if self._heading_filter:
             orientations = self._heading_filter.correct(stamps / NS, orientations, measured, base)
-        orientations = fill_missing(orientations, measured, self.arm, base)
+        orientations = fill_missing(orientations, measured, self.layout, base)
         results = {
             name: self._fit(configured, orientations, base) for name, configured in self._models.items()
         }
@@ -143,7 +143,7 @@ class Estimator:
         return self._base_mounting.link_orientations(np.stack(measured)[:, None])[:, 0]
 
     def _fit(self, configured: _Configured, orientations: FloatArray, base: FloatArray) -> ModelResult:
-        backbone = configured.model.fit(orientations, base)
+        backbone = configured.model.fit(Measured(orientations, base))
         positions = backbone.positions(configured.positions_at)
         asked = backbone.orientations(configured.orientations_at)
         n_links = configured.model.n_links

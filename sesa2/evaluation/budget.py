@@ -8,7 +8,8 @@ import numpy as np
 from sesa2.configuration import Configuration
 from sesa2.errors import Sesa2Error
 from sesa2.sensing.imu.error_model import SOURCES, Bno055Errors, distort
-from sesa2.shape.arm import Arm
+from sesa2.shape.layout import Layout
+from sesa2.shape.measured import Measured
 from sesa2.shape.missing import fill_missing
 from sesa2.shape.model import Model
 from sesa2.shape.models import create_model
@@ -203,7 +204,7 @@ def draw_budget(
     entries = []
     for layout, model, alive in _layouts(configuration):
         case = _Case(configuration, model, alive, shapes, period, np.array(markers), seed)
-        entries.append(ModelBudget(layout, model.name, model.arm.imu_positions, case.errors(sensor)))
+        entries.append(ModelBudget(layout, model.name, model.layout.imu_positions, case.errors(sensor)))
     return Budget(tuple(names), tuple(markers), bend, speed, samples, sensor, tuple(entries))
 
 
@@ -273,7 +274,7 @@ class _Case:
     def __init__(
         self,
         configuration: Configuration,
-        model: Model,
+        model: Model[Any],
         alive: np.ndarray,
         shapes: _Shapes,
         probe_time: float,
@@ -297,17 +298,17 @@ class _Case:
         }
         curve = perfect
         if self._model.name in _LIMIT_OF_LINKS:
-            limit = create_model(_LIMIT_OF_LINKS[self._model.name], self._model.arm, links=self._links)
+            limit = create_model(_LIMIT_OF_LINKS[self._model.name], self._model.layout, links=self._links)
             curve = self._estimate(limit, sensor.only())
             errors[LINKS] = _median_distance(perfect, curve)
         errors[SPACING] = _median_distance(curve, truth)
         errors[TOGETHER] = _median_distance(self._estimate(self._model, sensor), truth)
         return errors
 
-    def _estimate(self, model: Model, sensor: Bno055Errors) -> FloatArray:
+    def _estimate(self, model: Model[Any], sensor: Bno055Errors) -> FloatArray:
         """Markers from what the sensors say, (samples, n_markers, 3), m; the same draws at every call."""
         rng = np.random.default_rng([self._seed, 1])
-        stations = self._model.arm.stations  # the base comes first here, and is read last
+        stations = self._model.layout.stations  # the base comes first here, and is read last
         n = len(stations) - 1
         age = np.full(n + 1, sensor.latency)
         if sensor.latency > 0.0:
@@ -322,33 +323,27 @@ class _Case:
         disturbance[..., :2] += sensor.tilt * drawn[..., 8:]
         said = distort(true, sensor.mounting * drawn[..., :3], heading, disturbance, sensor.step)
         base = said[:, 0] if self._on_base else self._shapes.base
-        filled = fill_missing(said[:, 1:], np.broadcast_to(self._alive, (len(said), n)), model.arm, base)
-        return model.fit(filled, base).positions(self._markers)
+        filled = fill_missing(said[:, 1:], np.broadcast_to(self._alive, (len(said), n)), model.layout, base)
+        return model.fit(Measured(filled, base)).positions(self._markers)
 
 
-def _layouts(configuration: Configuration) -> list[tuple[str, Model, np.ndarray]]:
+def _layouts(configuration: Configuration) -> list[tuple[str, Model[Any], np.ndarray]]:
     """Name of the layout, model, and which of its IMUs are alive."""
-    arm = configuration.geometry
+    arm = configuration.layout.arm
     alive = np.array(configuration.imus.enabled)
-    entries = [
-        (CONFIGURED, create_model(name, arm, **configuration.model_options(name)), alive)
-        for name in configuration.models
-    ]
+    entries = [(CONFIGURED, configuration.create_model(name), alive) for name in configuration.models]
     for n in EVENLY_SPACED:
         for name in configuration.models:
             # Rigid links are oriented as their middles (Table I); curves want their IMUs at the sections' ends, the
             # last at the tip.
-            positions = (
-                arm.length * (np.arange(n) + 0.5) / n
-                if name == 'rigid'
-                else arm.length * np.arange(1, n + 1) / n
-            )
-            options = configuration.model_options(name)
-            if name == 'rigid':
-                options = {'boundaries': 'midpoint'}
-            elif 'segments' in options:
-                options = {'segments': [max(1, round(sum(options['segments']) / n))] * n}
-            model = create_model(name, Arm(arm.length, tuple(positions.tolist())), **options)
+            rigid = name == 'rigid'
+            positions = arm.length * ((np.arange(n) + 0.5) / n if rigid else np.arange(1, n + 1) / n)
+            options: dict[str, Any] = {'boundaries': 'midpoint', 'base_link_length': 0.0} if rigid else {}
+            if name == 'pcc':
+                links = sum(configuration.flat()['pcc.segments'])
+                options = {'segments': (max(1, round(links / n)),) * n}
+            evenly = configuration.with_options(name, **options)
+            model = evenly.create_model(name, Layout(arm, tuple(positions.tolist())))
             entries.append((f'{n} evenly spaced', model, np.ones(n, dtype=bool)))
     return entries
 

@@ -2,7 +2,6 @@
 
 from sesa2.configuration import Configuration
 from sesa2.messages.results import link_names
-from sesa2.shape.models import create_model
 from sesa2.shape.urdf import robot_description
 
 
@@ -16,7 +15,7 @@ def describe_robot(c: Configuration, name: str) -> str:
     name
         of the model.
     """
-    model = create_model(name, c.geometry, **c.model_options(name))
+    model = c.create_model(name)
     markers = zip(c.markers.names, c.markers.positions, strict=True)
     return robot_description(
         name, link_names(name, model.n_links), model.link_ends, c.arm.radius, c.base, markers

@@ -1,4 +1,4 @@
-"""The arm as the models see it: a length and the places of the IMUs."""
+"""The arm as the models see it, without any sensor."""
 
 from dataclasses import dataclass
 
@@ -9,44 +9,27 @@ from sesa2.shape.rotations import FloatArray
 
 
 class GeometryError(Sesa2Error):
-    """An arm, a link or an arc length that cannot be."""
+    """An arm, a link, a sensor's place or an arc length that cannot be."""
 
 
 @dataclass(frozen=True)
 class Arm:
     """An arm clamped at its base, arc length 0.
 
+    Arc length *s* is that of the arm at rest: it names a point of the material and stays with it where the arm
+    stretches.
+
     Attributes
     ----------
     length
         arc length of the tip, m.
-    imu_positions
-        arc lengths of the IMUs, m, strictly increasing in (0, length].
     """
 
     length: float
-    imu_positions: tuple[float, ...]
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.length) and self.length > 0.0):
             raise GeometryError(f'length = {self.length} m, expected a positive number')
-        if not self.imu_positions:
-            raise GeometryError('imu_positions is empty, expected at least one IMU')
-        before = 0.0
-        for i, s in enumerate(self.imu_positions):
-            if not s > before:
-                where = 'the base' if i == 0 else f'{before} m'
-                raise GeometryError(f'imu_positions[{i}] = {s} m is not after {where}')
-            before = s
-        if before > self.length:
-            raise GeometryError(
-                f'imu_positions[{len(self.imu_positions) - 1}] = {before} m is beyond the tip at {self.length} m'
-            )
-
-    @property
-    def stations(self) -> FloatArray:
-        """Arc lengths at which an orientation is known: the base, then the IMUs; (n_imu + 1,), m."""
-        return np.array([0.0, *self.imu_positions])
 
     def check_on_arm(self, s: FloatArray) -> None:
         """Refuse arc lengths that are not on the arm.

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sesa2.shape.model import with_base
+from sesa2.shape.measured import with_base
 from sesa2.shape.rotations import FloatArray, multiply, wrap
 
 # The joints are singular at |z| = 90°; beyond 80° the user is warned.

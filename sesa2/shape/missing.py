@@ -4,12 +4,14 @@ from functools import lru_cache
 
 import numpy as np
 
-from sesa2.shape.arm import Arm
-from sesa2.shape.model import with_base
+from sesa2.shape.layout import Layout
+from sesa2.shape.measured import with_base
 from sesa2.shape.rotations import FloatArray, slerp
 
 
-def fill_missing(orientations: FloatArray, measured: np.ndarray, arm: Arm, base: FloatArray) -> FloatArray:
+def fill_missing(
+    orientations: FloatArray, measured: np.ndarray, layout: Layout, base: FloatArray
+) -> FloatArray:
     """Interpolate missing orientations by arc length between the nearest that are there.
 
     The base counts as there; beyond the last IMU that is there its orientation is held.
@@ -20,8 +22,8 @@ def fill_missing(orientations: FloatArray, measured: np.ndarray, arm: Arm, base:
         q_WL, x y z w; what stands at a missing IMU is not looked at.
     measured : batch + (n_imu,)
         true where the IMU has measured.
-    arm
-        the arm.
+    layout
+        the arm and its IMUs.
     base : (4,)
         or batch + (4,), q_WB.
 
@@ -31,22 +33,22 @@ def fill_missing(orientations: FloatArray, measured: np.ndarray, arm: Arm, base:
     """
     if measured.all():
         return orientations
-    n = len(arm.imu_positions)
+    n = layout.n_imu
     stations = with_base(orientations, base).reshape(-1, n + 1, 4)
     # A recording has few distinct patterns of missing IMUs: each is worked out once, for all sweeps that have it.
     patterns, which = np.unique(measured.reshape(-1, n), axis=0, return_inverse=True)
     for i, pattern in enumerate(patterns):
         if not pattern.all():
-            missing, left, right, fraction = _neighbours(arm, pattern.tobytes())
+            missing, left, right, fraction = _neighbours(layout, pattern.tobytes())
             rows = np.flatnonzero(which.reshape(-1) == i)[:, None]
             stations[rows, missing] = slerp(stations[rows, left], stations[rows, right], fraction)
     return stations[:, 1:].reshape(orientations.shape)
 
 
 @lru_cache(maxsize=512)
-def _neighbours(arm: Arm, pattern: bytes) -> tuple[np.ndarray, np.ndarray, np.ndarray, FloatArray]:
+def _neighbours(layout: Layout, pattern: bytes) -> tuple[np.ndarray, np.ndarray, np.ndarray, FloatArray]:
     """Stations that are missing, their living neighbours and where between these they lie."""
-    at = arm.stations
+    at = layout.stations
     alive = np.concatenate([[True], np.frombuffer(pattern, dtype=bool)])
     living, missing = np.flatnonzero(alive), np.flatnonzero(~alive)
     after = np.searchsorted(living, missing)

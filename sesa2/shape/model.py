@@ -1,14 +1,25 @@
-"""What every shape model is: orientations in, a backbone out."""
+"""What every shape model is: what was measured in, a backbone out."""
 
+import re
 from abc import ABC, abstractmethod
 from functools import lru_cache
-from typing import ClassVar
+from typing import Any, ClassVar, Generic, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from sesa2.shape.arm import Arm, GeometryError
-from sesa2.shape.rotations import IDENTITY, FloatArray
+from sesa2.shape.arm import GeometryError
+from sesa2.shape.layout import Layout
+from sesa2.shape.measured import Measured
+from sesa2.shape.options import ModelOptions
+from sesa2.shape.rotations import FloatArray
+
+_NAME = re.compile('[a-z][a-z0-9]*(_[a-z0-9]+)*')
+# What a model keeps ready for a set of arc lengths; each keeps what suits it.
+Kept = TypeVar('Kept')
+
+# Every model by its name, in the order in which their files were loaded.
+MODELS: 'dict[str, type[Model[Any]]]' = {}
 
 
 class Backbone(ABC):
@@ -57,15 +68,28 @@ class Backbone(ABC):
         """
 
 
-class Model(ABC):
-    """A shape model bound to an arm. What does not depend on the measurement is computed once, here.
+class Model(ABC, Generic[Kept]):
+    """A shape model for an arm and its sensors. What does not depend on the measurement is computed once, here.
+
+    A class that has a `name` is a model from then on: it can be chosen in a configuration, and `create_model` makes it.
+
+    Parameters
+    ----------
+    layout
+        the arm and where its sensors sit.
+    options
+        a record of its class's `Options`.
 
     Attributes
     ----------
     name
         of the model, in the configuration and on the ROS graph.
-    arm
-        the arm.
+    needs
+        kinds of measurements that it cannot do without, fields of `Measured`.
+    Options
+        its options, a frozen record.
+    layout
+        the arm and its sensors.
     link_ends : (n_links + 1,)
         arc lengths at which the links that stand for the arm on the ROS graph begin and end, base to tip, m.
     link_middles : (n_links,)
@@ -73,27 +97,53 @@ class Model(ABC):
     """
 
     name: ClassVar[str]
+    needs: ClassVar[tuple[str, ...]] = ('orientations',)
+    Options: ClassVar[type[ModelOptions]] = ModelOptions
 
-    def __init__(self, arm: Arm, link_ends: ArrayLike):
-        self.arm = arm
+    def __init_subclass__(cls, **arguments: Any) -> None:
+        super().__init_subclass__(**arguments)
+        name = vars(cls).get('name')
+        if name is None:  # a family of models
+            return
+        if not _NAME.fullmatch(name):
+            raise GeometryError(f'model {name!r}: expected a name in lower case, as topics have')
+        other = MODELS.get(name)
+        if other and (other.__module__, other.__qualname__) != (cls.__module__, cls.__qualname__):
+            raise GeometryError(
+                f'model {name!r} of {cls.__module__}: {other.__module__} has one of this name'
+            )
+        MODELS[name] = cls
+
+    def __init__(self, layout: Layout, options: ModelOptions):
+        del options
+        self.layout = layout
+        if 'orientations' in self.needs and not layout.n_imu:
+            raise GeometryError(f'imu_positions is empty, the model {self.name!r} needs at least one IMU')
+
+        def precompute(key: bytes) -> Kept:
+            s = np.frombuffer(key)
+            layout.arm.check_on_arm(s)
+            return self._precompute(s)
+
+        self._cached = lru_cache(maxsize=16)(precompute)
+
+    def _set_link_ends(self, link_ends: ArrayLike) -> None:
+        """For the constructor of a model."""
         self.link_ends = np.asarray(link_ends, dtype=float)
         self.link_middles = 0.5 * (self.link_ends[:-1] + self.link_ends[1:])
-        self._cached = lru_cache(maxsize=16)(lambda key: self._precompute(np.frombuffer(key)))
 
     @property
     def n_links(self) -> int:
         """Number of links on the ROS graph."""
         return len(self.link_ends) - 1
 
-    def fit(self, orientations: ArrayLike, base: ArrayLike = IDENTITY) -> Backbone:
-        """Fit the backbone to measured orientations.
+    def fit(self, measured: Measured) -> Backbone:
+        """Fit the backbone to what was measured.
 
         Parameters
         ----------
-        orientations : batch + (n_imu, 4)
-            q_WL at the IMUs, x y z w, unit norm, any signs.
-        base : (4,)
-            or batch + (4,), q_WB, x y z w.
+        measured
+            at one instant, or a batch.
 
         Returns
         -------
@@ -102,43 +152,17 @@ class Model(ABC):
         Raises
         ------
         GeometryError
-            the last two axes are not (n_imu, 4).
+            something that the model needs is absent, or has a shape that the layout does not have.
         """
-        orientations, base = np.asarray(orientations, dtype=float), np.asarray(base, dtype=float)
-        expected = (len(self.arm.imu_positions), 4)
-        if orientations.shape[-2:] != expected:
-            raise GeometryError(
-                f'orientations of shape {orientations.shape}, expected (..., {expected[0]}, 4)'
-            )
-        return self._fit(orientations, base)
+        measured.check(self.name, self.needs, self.layout)
+        return self._fit(measured)
 
     @abstractmethod
-    def _fit(self, orientations: FloatArray, base: FloatArray) -> Backbone: ...
+    def _fit(self, measured: Measured) -> Backbone: ...
 
-    def at(self, s: ArrayLike):  # type: ignore[no-untyped-def]  # each model keeps what suits it
-        """What the model keeps ready for these arc lengths; computed at the first call and kept."""
+    def at(self, s: ArrayLike) -> Kept:
+        """What the model keeps ready for these arc lengths, (n,), m; computed at the first call and kept."""
         return self._cached(np.ascontiguousarray(s, dtype=float).tobytes())
 
     @abstractmethod
-    def _precompute(self, s: FloatArray): ...  # type: ignore[no-untyped-def]
-
-
-def with_base(orientations: FloatArray, base: FloatArray) -> FloatArray:
-    """Put the base's orientation before those of the IMUs.
-
-    Parameters
-    ----------
-    orientations : batch + (n_imu, 4)
-        .
-    base : (4,)
-        or batch + (4,).
-
-    Returns
-    -------
-    batch + (n_imu + 1, 4).
-    """
-    *batch, n, _ = orientations.shape
-    stations = np.empty((*batch, n + 1, 4))
-    stations[..., 0, :] = base
-    stations[..., 1:, :] = orientations
-    return stations
+    def _precompute(self, s: FloatArray) -> Kept: ...

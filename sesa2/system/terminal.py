@@ -5,6 +5,7 @@ import time
 import numpy as np
 
 from sesa2.configuration import Configuration
+from sesa2.shape.measured import Measured
 from sesa2.shape.models import create_model
 from sesa2.shape.rotations import FloatArray, conjugate, rotate
 from sesa2.system.wiring import System
@@ -82,7 +83,11 @@ class Terminal:
         # Stamps are of the wall clock; the board knows the monotonic one.
         monotonic_ns = stamp_ns - (time.time_ns() - time.monotonic_ns())
         orientations = board.truth(board.motion_time(monotonic_ns))[-len(c.imus.ids) :]
-        tip = create_model('pcc_exact', c.geometry).fit(orientations, c.base).positions([c.arm.length])[0]
+        tip = (
+            create_model('pcc_exact', c.layout)
+            .fit(Measured(orientations, c.base))
+            .positions([c.arm.length])[0]
+        )
         return tip if c.frame_id == 'world' else rotate(conjugate(c.base), tip)
 
     def _link(self) -> str:

@@ -11,7 +11,6 @@ from sesa2.configuration import Mistake
 from sesa2.configuration.records import leaves
 
 _PLACE = re.compile(r'(?P<path>[^\[]+)(?:\[(?P<first>\d+)(?::(?P<end>\d+))?\])?')
-_PARAMETERS = {path: (kind, item.metadata) for path, kind, item in leaves()}
 
 
 class Field:
@@ -42,7 +41,7 @@ class Field:
         match = _PLACE.fullmatch(place)
         assert match is not None
         self.path = match['path']
-        kind, rule = _PARAMETERS[self.path]
+        kind, rule = next((kind, item.metadata) for path, kind, item in leaves() if path == self.path)
         self._span = None
         if match['first']:
             first = int(match['first'])

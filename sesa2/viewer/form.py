@@ -223,7 +223,7 @@ class Form:
                 c.imus.ids,
                 c.imus.positions,
                 c.imus.enabled,
-                c.pcc.segments,
+                c.flat()['pcc.segments'],
                 c.mountings,
                 c.headings,
                 strict=True,

@@ -7,7 +7,6 @@ import viser
 from sesa2.configuration import Configuration
 from sesa2.messages.colours import Colour, model_colours
 from sesa2.sensing.imu.mounting import Mounting
-from sesa2.shape.models import create_model
 from sesa2.shape.rotations import FloatArray, conjugate, multiply, rotate
 from sesa2.viewer.live import Live
 from sesa2.viewer.tube import SIDES, tube_faces, tube_vertices
@@ -55,9 +54,7 @@ class Scene:
         self._truth_markers: viser.BatchedMeshHandle | None = None
         self._labels: list[viser.LabelHandle] = []
         self._colours = model_colours(c.models)
-        self._link_ends = {
-            name: create_model(name, c.geometry, **c.model_options(name)).link_ends for name in c.models
-        }
+        self._link_ends = {name: c.create_model(name).link_ends for name in c.models}
         self._mounting = Mounting(np.array([[0.0, 0.0, 0.0, 1.0]] * len(c.imus.ids)), c.headings)
         self._base_mounting = Mounting(np.array([c.imus.base_mount_orientation], dtype=float), np.zeros(1))
         with self._server.atomic():

@@ -7,6 +7,8 @@ from scipy.ndimage import gaussian_filter1d
 from scipy.spatial.transform import Rotation
 
 from sesa2.shape.arm import Arm
+from sesa2.shape.layout import Layout
+from sesa2.shape.measured import Measured
 from sesa2.shape.rotations import IDENTITY, from_rotation_vector, multiply, tangent
 
 RATE = 20.0
@@ -14,7 +16,7 @@ FINE = 66
 
 
 class Motion(NamedTuple):
-    arm: Arm
+    layout: Arm
     stamps: np.ndarray  # s
     links: np.ndarray  # (n, n_imu, 4), true q_WL
     base: np.ndarray  # (4,)
@@ -41,9 +43,9 @@ def moving_arm(rng, n_imu=8, seconds=100.0, bend=1.2, twist=0.0, base=IDENTITY, 
     for k in range(FINE):
         q[:, k + 1] = multiply(q[:, k], turns[:, k])
     middles = multiply(q[:, :-1], from_rotation_vector(0.5 * curvature / FINE))
-    arm = Arm(length, tuple(length * at / FINE))
+    layout = Layout(Arm(length), tuple(length * at / FINE))
     return Motion(
-        arm, np.arange(n) / RATE, q[:, at], np.asarray(base), tangent(middles).sum(axis=1) * length / FINE
+        layout, np.arange(n) / RATE, q[:, at], np.asarray(base), tangent(middles).sum(axis=1) * length / FINE
     )
 
 
@@ -85,5 +87,5 @@ def rms_degrees(a, b):
 
 def tip_error(model, links, motion):
     """Median, in per cent of the arm's length."""
-    tips = model.fit(links, motion.base).positions([motion.arm.length])[:, 0]
-    return 100.0 * np.median(np.linalg.norm(tips - motion.tip, axis=1)) / motion.arm.length
+    tips = model.fit(Measured(links, motion.base)).positions([motion.layout.arm.length])[:, 0]
+    return 100.0 * np.median(np.linalg.norm(tips - motion.tip, axis=1)) / motion.layout.arm.length

@@ -24,7 +24,7 @@ def drifting(rng, **options):
 )
 def test_drift_is_followed(rng, base):
     motion, q, measured, errors = drifting(rng, base=base)
-    heading_filter = HeadingFilter(motion.arm)
+    heading_filter = HeadingFilter(motion.layout)
     got = heading_filter.correct(motion.stamps, q, measured, motion.base)
     assert rms_degrees(got, motion.links) < 0.75 * rms_degrees(q, motion.links)
     left = heading_filter.headings - errors.heading[-1]
@@ -33,21 +33,21 @@ def test_drift_is_followed(rng, base):
 
 def test_an_arm_that_twists_is_corrected_less(rng):
     motion, q, measured, _ = drifting(rng, twist=0.3)
-    got = HeadingFilter(motion.arm).correct(motion.stamps, q, measured, motion.base)
+    got = HeadingFilter(motion.layout).correct(motion.stamps, q, measured, motion.base)
     assert rms_degrees(got, motion.links) < 1.1 * rms_degrees(q, motion.links)
 
 
 def test_the_future_does_not_matter(rng):
     """Sweep by sweep, in batches and cut short: all the same."""
     motion, q, measured, _ = drifting(rng)
-    whole = HeadingFilter(motion.arm).correct(motion.stamps, q, measured, motion.base)
-    in_parts = HeadingFilter(motion.arm)
+    whole = HeadingFilter(motion.layout).correct(motion.stamps, q, measured, motion.base)
+    in_parts = HeadingFilter(motion.layout)
     parts = [
         in_parts.correct(motion.stamps[a : a + 77], q[a : a + 77], measured[a : a + 77], motion.base)
         for a in range(0, 770, 77)
     ]
     np.testing.assert_array_equal(np.concatenate(parts), whole[:770])
-    one = HeadingFilter(motion.arm)
+    one = HeadingFilter(motion.layout)
     for i in range(200):
         headings = one.update(motion.stamps[i], q[i], measured[i], motion.base)
         unturn = from_rotation_vector(np.outer(-headings, [0.0, 0.0, 1.0]))
@@ -56,7 +56,7 @@ def test_the_future_does_not_matter(rng):
 
 def test_a_looped_recording_begins_anew(rng):
     motion, q, measured, _ = drifting(rng)
-    heading_filter = HeadingFilter(motion.arm)
+    heading_filter = HeadingFilter(motion.layout)
     first = heading_filter.correct(motion.stamps, q, measured, motion.base)
     again = heading_filter.correct(motion.stamps, q, measured, motion.base)
     np.testing.assert_array_equal(again, first)
@@ -64,7 +64,7 @@ def test_a_looped_recording_begins_anew(rng):
 
 def test_an_imu_that_is_silent_keeps_what_it_had_and_forgets_it(rng):
     motion, q, measured, _ = drifting(rng)
-    heading_filter = HeadingFilter(motion.arm)
+    heading_filter = HeadingFilter(motion.layout)
     heading_filter.correct(motion.stamps[:1200], q[:1200], measured[:1200], motion.base)
     had = heading_filter.headings[5]
     measured[1200:, 5] = False
@@ -77,7 +77,7 @@ def test_an_imu_that_is_silent_keeps_what_it_had_and_forgets_it(rng):
 
 def test_no_imu_at_all_leaves_everything_open(rng):
     motion, q, measured, _ = drifting(rng)
-    heading_filter = HeadingFilter(motion.arm)
+    heading_filter = HeadingFilter(motion.layout)
     got = heading_filter.correct(motion.stamps, q, measured & False, motion.base)
     np.testing.assert_array_equal(got, q)
     np.testing.assert_allclose(heading_filter.covariance, DRIFT_STD**2 * np.eye(8), atol=1e-15)
@@ -85,9 +85,9 @@ def test_no_imu_at_all_leaves_everything_open(rng):
 
 def test_a_damaged_sample_does_not_throw_it_off(rng):
     motion, q, measured, _ = drifting(rng)
-    clean = HeadingFilter(motion.arm)
+    clean = HeadingFilter(motion.layout)
     clean.correct(motion.stamps[:1201], q[:1201], measured[:1201], motion.base)
     q[1200, 2] = [1.0, 0.0, 0.0, 0.0]
-    hit = HeadingFilter(motion.arm)
+    hit = HeadingFilter(motion.layout)
     hit.correct(motion.stamps[:1201], q[:1201], measured[:1201], motion.base)
     assert np.rad2deg(np.abs(hit.headings - clean.headings).max()) < 0.5

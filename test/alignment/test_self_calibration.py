@@ -8,6 +8,7 @@ from scipy.spatial.transform import Rotation
 from sesa2.alignment.self_calibration import CalibrationError, self_calibrate
 from sesa2.sensing.imu.mounting import Mounting
 from sesa2.shape.arm import Arm
+from sesa2.shape.layout import Layout
 from sesa2.shape.models import create_model
 from sesa2.shape.rotations import IDENTITY, from_rotation_vector, multiply, normalize
 
@@ -18,7 +19,7 @@ def calibrate(motion, q, measured=None, mountings=None, headings=None, **options
         motion.stamps,
         q,
         np.ones(q.shape[:2], bool) if measured is None else measured,
-        motion.arm,
+        motion.layout,
         motion.base,
         np.tile(IDENTITY, (n, 1)) if mountings is None else mountings,
         np.zeros(n) if headings is None else headings,
@@ -123,7 +124,7 @@ def test_positions_get_better():
         rng = np.random.default_rng(60 + seed)
         motion = moving_arm(rng, bend=1.5)
         q, _ = measure(rng, motion.links, heading=4.0)
-        model = create_model('spline', motion.arm)
+        model = create_model('spline', motion.layout)
         raw.append(tip_error(model, q, motion))
         after.append(tip_error(model, corrected(calibrate(motion, q), q), motion))
     assert np.mean(after) < 0.75 * np.mean(raw)
@@ -137,7 +138,7 @@ def test_an_arm_that_really_twists_is_recognised_and_hardly_harmed():
         q, _ = measure(rng, motion.links)
         found = calibrate(motion, q)
         assert 0.15 < found.twist < 0.8
-        model = create_model('spline', motion.arm)
+        model = create_model('spline', motion.layout)
         raw.append(tip_error(model, q, motion))
         after.append(tip_error(model, corrected(found, q), motion))
     assert np.mean(after) < 1.3 * np.mean(raw)
@@ -226,7 +227,7 @@ def test_nothing_measured_is_refused():
             np.arange(500.0),
             np.zeros((500, 1, 4)),
             np.zeros((500, 1), bool),
-            Arm(0.5, (0.5,)),
+            Layout(Arm(0.5), (0.5,)),
             IDENTITY,
             np.array([IDENTITY]),
             np.zeros(1),

@@ -9,10 +9,12 @@ from sesa2.alignment.heading_filter import HeadingFilter
 from sesa2.alignment.self_calibration import self_calibrate
 from sesa2.sensing.imu.mounting import Mounting
 from sesa2.shape.arm import Arm
+from sesa2.shape.layout import Layout
+from sesa2.shape.measured import Measured
 from sesa2.shape.models import create_model
 from sesa2.shape.rotations import IDENTITY
 
-ARM = Arm(0.66, (0.08, 0.16, 0.24, 0.32, 0.40, 0.48, 0.56, 0.64))
+LAYOUT = Layout(Arm(0.66), (0.08, 0.16, 0.24, 0.32, 0.40, 0.48, 0.56, 0.64))
 MARKERS = np.array([0.36, 0.60])
 DELAY = 0.02
 
@@ -39,7 +41,7 @@ def trial(recordings):
 def calibrated(trial):
     everything = np.ones(trial.raw.shape[:2], bool)
     found = self_calibrate(
-        trial.stamps, trial.raw, everything, ARM, IDENTITY, np.tile(IDENTITY, (8, 1)), np.zeros(8)
+        trial.stamps, trial.raw, everything, LAYOUT, IDENTITY, np.tile(IDENTITY, (8, 1)), np.zeros(8)
     )
     assert found.told.all()
     return Mounting(found.mountings, found.headings).link_orientations(trial.raw)
@@ -47,7 +49,7 @@ def calibrated(trial):
 
 def median_error(trial, links, name='spline', **options):
     """Median distance to the markers in per cent of their arc length, (2,)."""
-    points = create_model(name, ARM, **options).fit(links).positions(MARKERS)
+    points = create_model(name, LAYOUT, **options).fit(Measured(links)).positions(MARKERS)
     at = trial.stamps - DELAY
     inside = (at >= trial.truth_stamps[0]) & (at <= trial.truth_stamps[-1])
     truth = np.stack(
@@ -71,5 +73,5 @@ def test_after_self_calibration(trial, calibrated):
 
 def test_with_the_heading_filter(trial, calibrated):
     everything = np.ones(trial.raw.shape[:2], bool)
-    filtered = HeadingFilter(ARM).correct(trial.stamps, calibrated, everything, IDENTITY)
+    filtered = HeadingFilter(LAYOUT).correct(trial.stamps, calibrated, everything, IDENTITY)
     assert (median_error(trial, filtered) <= [1.1, 0.95]).all()

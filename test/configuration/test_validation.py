@@ -41,7 +41,7 @@ def mistakes(**changes):
 def test_defaults_are_filled_in_per_imu():
     c = validate(values())
     assert c.imus.enabled == (True, True)
-    assert c.pcc.segments == (2, 2)
+    assert c.options['pcc'].segments == (2, 2)
     assert c.mountings.shape == (2, 4)
     assert c.headings.tolist() == [0.0, 0.0]
     assert c.frame_id == 'base_link'

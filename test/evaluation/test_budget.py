@@ -12,6 +12,7 @@ from sesa2.configuration import validate
 from sesa2.configuration.files import find, load
 from sesa2.evaluation.budget import CONFIGURED, LINKS, SPACING, TOGETHER, BudgetError, draw_budget
 from sesa2.sensing.imu.error_model import SOURCES, Bno055Errors, distort, gauss_markov
+from sesa2.shape.measured import Measured
 from sesa2.shape.models import create_model
 
 DATA = Path(os.environ.get('SESA2_DATA', Path(__file__).resolve().parents[2] / '../shared/data'))
@@ -78,7 +79,7 @@ def test_latency_costs_speed_times_latency_and_can_be_taken_off(thesis):
 
 
 def test_more_links_and_more_imus_err_less(thesis, budget):
-    finer = replace(thesis, pcc=replace(thesis.pcc, segments=(4,) * 8))
+    finer = thesis.with_options('pcc', segments=(4,) * 8)
     coarse, fine = errors(budget)[LINKS], errors(draw_budget(finer))[LINKS]
     np.testing.assert_allclose(fine, coarse / 4.0, rtol=0.05)  # second order in their length
     together = [errors(budget, 'pcc_exact', f'{n} evenly spaced')[TOGETHER] for n in (2, 4, 8)]
@@ -199,8 +200,8 @@ def test_the_sources_are_as_large_as_on_the_simulated_trial(thesis, budget):
                 for m in range(2)
             ]
         ).transpose(2, 0, 1)
-    model = create_model('pcc', thesis.geometry, segments=(2,) * 8)
-    perfect = model.fit(true).positions(MARKERS)
+    model = create_model('pcc', thesis.layout, segments=(2,) * 8)
+    perfect = model.fit(Measured(true)).positions(MARKERS)
     rng = np.random.default_rng(0)
     got = errors(budget)
 
@@ -216,6 +217,6 @@ def test_the_sources_are_as_large_as_on_the_simulated_trial(thesis, budget):
             heading = heading + sensor.heading_wander * gauss_markov(times, sensor.heading_time, (8,), rng)
             mounting = sensor.mounting * rng.standard_normal((8, 3))
             said = distort(true, mounting, heading, disturbance, sensor.step)
-            expected.append(distance(model.fit(said).positions(MARKERS), perfect))
+            expected.append(distance(model.fit(Measured(said)).positions(MARKERS), perfect))
         np.testing.assert_allclose(got[source], np.median(expected, axis=0), rtol=0.33, err_msg=source)
     np.testing.assert_allclose(got[SPACING], distance(perfect, truth), rtol=0.5)

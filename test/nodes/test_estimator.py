@@ -18,7 +18,7 @@ from sesa2.configuration import ConfigurationError, files
 from sesa2.messages.imu_messages import ImuMessages
 from sesa2.nodes.estimator import EstimatorNode
 from sesa2.ros.qos import LATCHED, STREAM
-from sesa2.shape.models import create_model
+from sesa2.shape.measured import Measured
 from sesa2.shape.rotations import conjugate, from_rotation_vector, multiply, normalize
 
 VALUES = {
@@ -80,8 +80,8 @@ def test_one_result_per_sweep_and_model_with_the_measurements_stamp(graph, node)
         graph.until(lambda n=k + 1: all(len(m) == n for m in got.values()), 'a result of each')
     links = multiply(measured, conjugate([0.6, 0.0, 0.0, 0.8]))
     for name in ('pcc', 'pcc_exact'):
-        model = create_model(name, c.geometry, **c.model_options(name))
-        backbone = model.fit(links)
+        model = c.create_model(name)
+        backbone = model.fit(Measured(links))
         for k in range(3):
             newest = T0 + 1000 * k * MS + 2 * MS
             assert {

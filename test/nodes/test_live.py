@@ -17,6 +17,7 @@ from sesa2.nodes.estimator import EstimatorNode
 from sesa2.nodes.serial_bridge import SerialBridge
 from sesa2.ros.qos import STREAM
 from sesa2.shape import rotations
+from sesa2.shape.measured import Measured
 from sesa2.shape.models import create_model
 
 LENGTH = 0.66
@@ -89,7 +90,7 @@ class Live:
     def truth(self, board):
         """True positions of the ends of the links and of the markers, in the output frame."""
         c = self.configuration
-        backbone = create_model('pcc_exact', c.geometry).fit(board.truth(0.0), c.base)
+        backbone = create_model('pcc_exact', c.layout).fit(Measured(board.truth(0.0), c.base))
         ends, markers = (backbone.positions(s) for s in (self.model.link_ends, c.markers.positions))
         if c.frame_id == 'world':
             return ends, markers
@@ -150,7 +151,7 @@ def test_the_base_can_be_measured(graph, configured, boards):
     arm = VirtualArm(range(1, 9), halted(rows), mount_orientations=np.vstack([[[0, 0, 0, 1]] * 7, [mount]]))
     board = boards(arm)
     live = Live(graph, configured, board, **seven).settled()
-    true = create_model('pcc_exact', live.configuration.geometry).fit(q[:7], base)
+    true = create_model('pcc_exact', live.configuration.layout).fit(Measured(q[:7], base))
     ends = rotations.rotate(rotations.conjugate(base), true.positions(live.model.link_ends))
     np.testing.assert_allclose(positions_of(live.shapes[-1]), ends, rtol=0, atol=2 * RESOLUTION_M)
 

@@ -10,6 +10,8 @@ from scipy.spatial.transform import Rotation
 from sesa2.messages.results import joint_names, link_names
 from sesa2.shape.arm import Arm
 from sesa2.shape.joints import joint_angles
+from sesa2.shape.layout import Layout
+from sesa2.shape.measured import Measured
 from sesa2.shape.models import create_model
 from sesa2.shape.rotations import IDENTITY, multiply, normalize
 from sesa2.shape.urdf import robot_description
@@ -18,7 +20,7 @@ yourdfpy = pytest.importorskip(
     'yourdfpy', reason='yourdfpy, the independent reader of URDF, is not installed'
 )
 
-ARM = Arm(0.66, (0.08, 0.16, 0.24, 0.32, 0.40, 0.48, 0.56, 0.64))
+LAYOUT = Layout(Arm(0.66), (0.08, 0.16, 0.24, 0.32, 0.40, 0.48, 0.56, 0.64))
 RADIUS = 0.0125
 # Upright, hanging, horizontal (a pitch of 90°), nearly so, and any.
 BASES = {
@@ -70,8 +72,8 @@ def ends(robot, name, model):
     ],
 )
 def test_chains_stand_where_the_model_says(name, options, base):
-    model = create_model(name, ARM, **options)
-    backbone = model.fit(bent(base), base)
+    model = create_model(name, LAYOUT, **options)
+    backbone = model.fit(Measured(bent(base), base))
     links = backbone.orientations(model.link_middles)
     angles = joint_angles(links, base).angles
     robot = moved(describe(name, model, base), angles)
@@ -85,8 +87,8 @@ def test_curves_agree_as_the_square_of_the_links():
     base = BASES['oblique']
     worst = []
     for links in (16, 32, 64):
-        model = create_model('pcc_exact', ARM, links=links)
-        backbone = model.fit(bent(base), base)
+        model = create_model('pcc_exact', LAYOUT, links=links)
+        backbone = model.fit(Measured(bent(base), base))
         angles = joint_angles(backbone.orientations(model.link_middles), base).angles
         off = ends(moved(describe('pcc_exact', model, base), angles), 'pcc_exact', model)
         worst.append(np.linalg.norm(off - backbone.positions(model.link_ends), axis=1).max())
@@ -96,14 +98,14 @@ def test_curves_agree_as_the_square_of_the_links():
 
 
 def test_names_are_those_of_the_joint_states():
-    model = create_model('pcc', ARM, segments=[2] * 8)
+    model = create_model('pcc', LAYOUT, segments=[2] * 8)
     assert joint_names_of(describe('pcc', model, IDENTITY)) == joint_names('pcc', model.n_links)
 
 
 def test_markers_sit_on_the_arm():
     base = BASES['oblique']
-    model = create_model('pcc', ARM, segments=[2] * 8)
-    backbone = model.fit(bent(base), base)
+    model = create_model('pcc', LAYOUT, segments=[2] * 8)
+    backbone = model.fit(Measured(bent(base), base))
     at = {'M1': 0.36, 'at a joint': 0.08, 'root': 0.0, 'a<b&"c"': 0.655, 'tip_ball': 0.66}
     description = describe('pcc', model, base, at.items())
     robot = moved(description, joint_angles(backbone.orientations(model.link_middles), base).angles)
@@ -112,7 +114,7 @@ def test_markers_sit_on_the_arm():
 
 
 def test_it_is_one_tree_on_one_line():
-    model = create_model('rigid', ARM)
+    model = create_model('rigid', LAYOUT)
     description = describe('rigid', model, IDENTITY, [('M1', 0.3)])
     assert '\n' not in description
     robot = ET.fromstring(description)

@@ -9,6 +9,7 @@ import pytest
 from sesa2.configuration.files import find, load
 from sesa2.sensing.imu.error_model import Bno055Errors, orientations_at
 from sesa2.sensing.imu.mounting import Mounting
+from sesa2.shape.measured import Measured
 from sesa2.shape.models import create_model
 from sesa2.shape.rotations import conjugate, from_rotation_vector, multiply, to_rotation_vector
 from sesa2.twin.simulation import simulate
@@ -50,8 +51,10 @@ def test_the_trial_is_straight_and_then_moves(trial):
 
 
 def test_the_orientations_lead_to_the_markers(configuration, trial):
-    model = create_model('pcc_exact', configuration.geometry)
-    estimate = model.fit(trial.motion(trial.truth_times), trial.base).positions(trial.marker_positions)
+    model = create_model('pcc_exact', configuration.layout)
+    estimate = model.fit(Measured(trial.motion(trial.truth_times), trial.base)).positions(
+        trial.marker_positions
+    )
     error = np.linalg.norm(estimate - trial.markers, axis=-1)
     assert np.median(error, axis=0) / trial.marker_positions == pytest.approx(0.0, abs=0.02)
 

@@ -7,6 +7,7 @@ pytest.importorskip('viser', reason='viser is not installed: pip install sesa2[v
 
 from sesa2.configuration import validate
 from sesa2.errors import Sesa2Error
+from sesa2.shape.measured import Measured
 from sesa2.shape.models import create_model
 from sesa2.shape.rotations import from_rotation_vector
 from sesa2.viewer.film import view_html
@@ -26,8 +27,8 @@ def recorded(n=41, rate=20.0):
     """An arm that swings from one side to the other."""
     bend = np.zeros((n, 1, 3))
     bend[:, 0, 1] = np.linspace(-1.5, 1.5, n)
-    model = create_model('pcc_exact', C.geometry, links=C.links)
-    fit = model.fit(from_rotation_vector(bend))
+    model = create_model('pcc_exact', C.layout, links=C.links)
+    fit = model.fit(Measured(from_rotation_vector(bend)))
 
     def poses(s):
         return np.concatenate([fit.positions(s), fit.orientations(s)], axis=-1)

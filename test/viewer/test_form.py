@@ -69,7 +69,7 @@ def test_every_parameter_is_in_the_form(form):
 def test_lists_and_rules_come_out_as_they_went_in(form):
     c = form.check()
     assert c == validate(VALUES)
-    assert write(form, 'rigid.boundaries', 'midpoint').rigid.boundaries == 'midpoint'
+    assert write(form, 'rigid.boundaries', 'midpoint').options['rigid'].boundaries == 'midpoint'
     assert write(form, 'arm.base_orientation', '1, 0.0 0 0').arm.base_orientation == (1.0, 0.0, 0.0, 0.0)
 
 

@@ -5,11 +5,13 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from sesa2.shape.arm import Arm
+from sesa2.shape.layout import Layout
+from sesa2.shape.measured import Measured
 from sesa2.shape.models import create_model
 from sesa2.viewer.tube import SIDES, tube_faces, tube_vertices
 
 RADIUS = 0.0125
-ARM = Arm(0.66, (0.22, 0.44, 0.66))
+LAYOUT = Layout(Arm(0.66), (0.22, 0.44, 0.66))
 
 
 def bent(name='pcc_exact', seed=0):
@@ -18,8 +20,8 @@ def bent(name='pcc_exact', seed=0):
     q = np.array(
         [turns[0].as_quat(), (turns[0] * turns[1]).as_quat(), (turns[0] * turns[1] * turns[2]).as_quat()]
     )
-    model = create_model(name, ARM)
-    fit = model.fit(q)
+    model = create_model(name, LAYOUT)
+    fit = model.fit(Measured(q))
     return np.concatenate([fit.positions(model.link_ends), fit.orientations(model.link_ends)], axis=1)
 
 
@@ -41,7 +43,7 @@ def test_the_mesh_is_closed_and_seen_from_outside():
     a, b, c = (vertices[faces[:, k]] for k in range(3))
     volume = np.einsum('ni,ni->', a, np.cross(b, c)) / 6.0
     polygon = 0.5 * SIDES * np.sin(2.0 * np.pi / SIDES) * RADIUS**2
-    assert volume == pytest.approx(polygon * ARM.length, rel=0.02)
+    assert volume == pytest.approx(polygon * LAYOUT.arm.length, rel=0.02)
 
 
 def test_a_cage_is_part_of_the_tube():

@@ -1,38 +1,31 @@
-"""The shape models, a file each: a further one is a further file here with a class that has a `name`."""
+"""The shape models, a file each: a further one is a further file here, or anywhere, with a class that has a `name`."""
 
-from abc import ABCMeta
+from dataclasses import fields
 from importlib import import_module
 from pkgutil import iter_modules
 from typing import Any
 
-from sesa2.shape.arm import Arm, GeometryError
-from sesa2.shape.model import Model
+from sesa2.shape.arm import GeometryError
+from sesa2.shape.layout import Layout
+from sesa2.shape.model import MODELS, Model
+
+__all__ = ['MODELS', 'create_model']
+
+for _file in iter_modules(__path__):
+    import_module(f'{__name__}.{_file.name}')
 
 
-def _registered() -> dict[str, type[Model]]:
-    found = {}
-    for file in iter_modules(__path__):
-        for item in vars(import_module(f'{__name__}.{file.name}')).values():
-            # `inspect.isclass` takes `Sequence[int]` for a class on Python 3.10, and then issubclass raises.
-            if isinstance(item, ABCMeta) and issubclass(item, Model) and 'name' in vars(item):
-                found[item.name] = item
-    return found
-
-
-MODELS: dict[str, type[Model]] = _registered()
-
-
-def create_model(name: str, arm: Arm, **options: Any) -> Model:
+def create_model(name: str, layout: Layout, **options: Any) -> Model[Any]:
     """Make a model by name.
 
     Parameters
     ----------
     name
         a key of MODELS.
-    arm
-        the arm.
+    layout
+        the arm and where its sensors sit.
     options
-        the model's own, as its class lists them.
+        fields of the model's `Options`; the others keep their defaults.
 
     Returns
     -------
@@ -41,8 +34,14 @@ def create_model(name: str, arm: Arm, **options: Any) -> Model:
     Raises
     ------
     GeometryError
-        no such model, or its options do not fit the arm.
+        no such model, no such option, or options that do not fit the arm.
     """
     if name not in MODELS:
         raise GeometryError(f'model {name!r} is not known, expected one of {", ".join(MODELS)}')
-    return MODELS[name](arm, **options)
+    model = MODELS[name]
+    known = {field.name for field in fields(model.Options)}
+    if unknown := sorted(set(options) - known):
+        raise GeometryError(
+            f'model {name!r} has no option {unknown[0]!r}, expected some of {", ".join(sorted(known)) or "none"}'
+        )
+    return model(layout, model.Options(**options).filled(layout.n_imu))

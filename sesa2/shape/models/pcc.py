@@ -1,13 +1,35 @@
 """The PCC-extended rigid-body model: constant curvature between IMUs, cut into straight links (paper II-B, eq. 3–7)."""
 
-from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sesa2.shape.arm import Arm, GeometryError
+from sesa2.shape.arm import GeometryError
 from sesa2.shape.chain import ChainModel
-from sesa2.shape.model import with_base
+from sesa2.shape.layout import Layout
+from sesa2.shape.options import REQUIRED, ModelOptions, parameter
 from sesa2.shape.rotations import FloatArray, slerp_along
+
+_LINKS_OF_A_SECTION = 2
+
+
+@dataclass(frozen=True)
+class PccOptions(ModelOptions):
+    """Options of the model `pcc`.
+
+    Attributes
+    ----------
+    segments
+        links of each section, one number per IMU, each at least 1.
+    """
+
+    segments: tuple[int, ...] = parameter(
+        REQUIRED, 'number of links of each section, one per IMU', low=1, high=1000
+    )
+
+    def filled(self, n_imu: int) -> 'PccOptions':
+        """Two links of each section where nothing was said."""
+        return self if self.segments else replace(self, segments=(_LINKS_OF_A_SECTION,) * n_imu)
 
 
 class Pcc(ChainModel):
@@ -15,19 +37,14 @@ class Pcc(ChainModel):
 
     Link k of the n of a section is oriented as slerp at (2k + 1) / 2n (eq. 3). Past the last IMU one more link goes
     straight on.
-
-    Parameters
-    ----------
-    arm
-        the arm.
-    segments
-        links of each section, one number per IMU, each at least 1.
     """
 
     name = 'pcc'
+    Options = PccOptions
 
-    def __init__(self, arm: Arm, segments: Sequence[int]):
-        stations = arm.stations
+    def __init__(self, layout: Layout, options: PccOptions):
+        super().__init__(layout, options)
+        segments, stations, length = options.segments, layout.stations, layout.arm.length
         sections = len(stations) - 1
         if len(segments) != sections:
             raise GeometryError(
@@ -39,12 +56,11 @@ class Pcc(ChainModel):
         ends = [0.0]
         for i, n in enumerate(segments):
             ends.extend(stations[i] + (stations[i + 1] - stations[i]) * np.arange(1, n + 1) / n)
-        self._goes_on = arm.length > stations[-1]
-        super().__init__(arm, [*ends, arm.length] if self._goes_on else ends)
+        self._goes_on = length > stations[-1]
+        self._set_link_ends([*ends, length] if self._goes_on else ends)
         self._section = np.repeat(np.arange(sections), segments)
         self._fraction = np.concatenate([(2.0 * np.arange(n) + 1.0) / (2.0 * n) for n in segments])
 
-    def _orient_links(self, orientations: FloatArray, base: FloatArray) -> FloatArray:
-        stations = with_base(orientations, base)
+    def _orient_links(self, stations: FloatArray) -> FloatArray:
         links = slerp_along(stations, self._section, self._fraction)
-        return np.concatenate([links, orientations[..., -1:, :]], axis=-2) if self._goes_on else links
+        return np.concatenate([links, stations[..., -1:, :]], axis=-2) if self._goes_on else links

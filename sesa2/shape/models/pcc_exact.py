@@ -3,9 +3,11 @@
 import numpy as np
 from numpy.typing import ArrayLike
 
-from sesa2.shape.arm import Arm
 from sesa2.shape.curve import CurveModel
-from sesa2.shape.model import Backbone, with_base
+from sesa2.shape.layout import Layout
+from sesa2.shape.measured import Measured
+from sesa2.shape.model import Backbone
+from sesa2.shape.options import LinkOptions
 from sesa2.shape.rotations import (
     SMALL_ANGLE,
     FloatArray,
@@ -75,29 +77,21 @@ class Arcs(Backbone):
         return slerp_along(self._stations, section, fraction)
 
 
-class PccExact(CurveModel):
-    """Constant curvature (and twist) from station to station.
-
-    Parameters
-    ----------
-    arm
-        the arm.
-    links
-        number of links that stand for it on the ROS graph.
-    """
+class PccExact(CurveModel[tuple[np.ndarray, FloatArray, FloatArray, FloatArray]]):
+    """Constant curvature (and twist) from station to station."""
 
     name = 'pcc_exact'
 
-    def __init__(self, arm: Arm, links: int = 64):
-        super().__init__(arm, links)
-        self.section_lengths = np.diff(arm.stations)
+    def __init__(self, layout: Layout, options: LinkOptions):
+        super().__init__(layout, options)
+        self.section_lengths = np.diff(layout.stations)
 
-    def _fit(self, orientations: FloatArray, base: FloatArray) -> Arcs:
-        return Arcs(self, with_base(orientations, base))
+    def _fit(self, measured: Measured) -> Arcs:
+        return Arcs(self, measured.stations)
 
     def _precompute(self, s: FloatArray) -> tuple[np.ndarray, FloatArray, FloatArray, FloatArray]:
         """Section, fraction of it (at most 1), length on the arc and length past the last IMU; each (n,)."""
         section, fraction = self._sections(s)
         fraction = np.minimum(fraction, 1.0)
-        past = np.maximum(s - self.arm.imu_positions[-1], 0.0)
+        past = np.maximum(s - self.layout.imu_positions[-1], 0.0)
         return section, fraction, fraction * self.section_lengths[section], past

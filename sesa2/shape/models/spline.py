@@ -3,9 +3,11 @@
 import numpy as np
 from numpy.typing import ArrayLike
 
-from sesa2.shape.arm import Arm
 from sesa2.shape.curve import CurveModel
-from sesa2.shape.model import Backbone, with_base
+from sesa2.shape.layout import Layout
+from sesa2.shape.measured import Measured
+from sesa2.shape.model import Backbone
+from sesa2.shape.options import LinkOptions
 from sesa2.shape.rotations import FloatArray, aim, of_one_sign, tangent
 
 
@@ -32,7 +34,7 @@ class TangentSpline(Backbone):
         return aim(blend @ self._stations, weights @ self._tangents)
 
 
-class Spline(CurveModel):
+class Spline(CurveModel[tuple[FloatArray, FloatArray, FloatArray]]):
     """Cubic spline through the tangents at the stations (the base, then the IMUs), component by component.
 
     At the base it is not-a-knot: the clamp says nothing of curvature, and a natural spline, which puts the tangent's
@@ -48,21 +50,14 @@ class Spline(CurveModel):
     The tangent is not scaled to unit length, so that positions stay linear in it. The links on the ROS graph have their
     full length: their chain tends to the curve of the same tangents at unit length, as 1/links², and at the tip of that
     arm with 8 IMUs this lies 0.25 mm from the spline (median; at most 2 mm).
-
-    Parameters
-    ----------
-    arm
-        the arm.
-    links
-        number of links that stand for it on the ROS graph.
     """
 
     name = 'spline'
 
-    def __init__(self, arm: Arm, links: int = 64):
-        super().__init__(arm, links)
+    def __init__(self, layout: Layout, options: LinkOptions):
+        super().__init__(layout, options)
         # Truncated powers of u = s / length: u⁰ … u³, and (u − knot)³ from every IMU on but the first and the last.
-        stations = arm.stations / arm.length
+        stations = layout.stations / layout.arm.length
         knots = stations[2:-1]
         degree = min(3, len(stations))
         self._powers = np.array([*range(degree + 1), *[3] * len(knots)])
@@ -75,8 +70,8 @@ class Spline(CurveModel):
     def _past(self, u: FloatArray) -> FloatArray:
         return np.maximum(u[:, None] - self._starts, 0.0)
 
-    def _fit(self, orientations: FloatArray, base: FloatArray) -> TangentSpline:
-        return TangentSpline(self, with_base(orientations, base))
+    def _fit(self, measured: Measured) -> TangentSpline:
+        return TangentSpline(self, measured.stations)
 
     def _precompute(self, s: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Weights of the stations' tangents in the position, m, and in the tangent, and of their quaternions in the
@@ -84,10 +79,10 @@ class Spline(CurveModel):
         """
         section, fraction = self._sections(s)
         fraction = np.minimum(fraction, 1.0)
-        past = self._past(s / self.arm.length)
+        past = self._past(s / self.layout.arm.length)
         values = past**self._powers
-        integrals = self.arm.length * past * values / (self._powers + 1)
-        blend = np.zeros((len(s), len(self.arm.stations)))
+        integrals = self.layout.arm.length * past * values / (self._powers + 1)
+        blend = np.zeros((len(s), len(self.layout.stations)))
         blend[np.arange(len(s)), section] = 1.0 - fraction
         blend[np.arange(len(s)), section + 1] = fraction
         return integrals @ self._coefficients, values @ self._coefficients, blend

@@ -1,0 +1,78 @@
+"""What was measured, whatever it was measured with: what every shape model takes."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from sesa2.shape.arm import GeometryError
+from sesa2.shape.layout import Layout
+from sesa2.shape.rotations import IDENTITY, FloatArray
+
+
+class Measured(NamedTuple):
+    """One instant, or a batch of them, of everything that was measured; a kind that is absent is None.
+
+    A further kind of sensor is a further field here, its places in `Layout`, and a check of its shape in `check`.
+
+    Attributes
+    ----------
+    orientations : batch + (n_imu, 4)
+        q_WL at the IMUs, x y z w, unit norm, any signs.
+    base : (4,)
+        or batch + (4,), q_WB, x y z w: known or measured.
+    """
+
+    orientations: ArrayLike | None = None
+    base: ArrayLike = IDENTITY
+
+    def check(self, model: str, needs: tuple[str, ...], layout: Layout) -> None:
+        """Refuse what a model cannot work with.
+
+        Parameters
+        ----------
+        model
+            its name, for the message.
+        needs
+            names of the kinds that it needs.
+        layout
+            where they were measured.
+
+        Raises
+        ------
+        GeometryError
+            a kind is absent, or not of the layout's shape.
+        """
+        for kind in needs:
+            if getattr(self, kind) is None:
+                raise GeometryError(f'model {model!r} needs {kind}, and there are none in what was measured')
+        if self.orientations is not None and np.shape(self.orientations)[-2:] != (layout.n_imu, 4):
+            raise GeometryError(
+                f'orientations of shape {np.shape(self.orientations)}, expected (..., {layout.n_imu}, 4)'
+            )
+
+    @property
+    def stations(self) -> FloatArray:
+        """Orientations of the base and of the IMUs, batch + (n_imu + 1, 4), x y z w."""
+        return with_base(np.asarray(self.orientations, dtype=float), np.asarray(self.base, dtype=float))
+
+
+def with_base(orientations: FloatArray, base: FloatArray) -> FloatArray:
+    """Put the base's orientation before those along the arm.
+
+    Parameters
+    ----------
+    orientations : batch + (n, 4)
+        x y z w.
+    base : (4,)
+        or batch + (4,), x y z w.
+
+    Returns
+    -------
+    batch + (n + 1, 4), x y z w.
+    """
+    *batch, n, _ = orientations.shape
+    stations = np.empty((*batch, n + 1, 4))
+    stations[..., 0, :] = base
+    stations[..., 1:, :] = orientations
+    return stations
