@@ -90,7 +90,7 @@ def test_a_model_of_ones_own_is_one_class(models):
 
 def test_its_options_are_checked_like_ours(models):
     define_straight()
-    with pytest.raises(ConfigurationError, match='got 3.0, expected more than 0 and at most 2'):
+    with pytest.raises(ConfigurationError, match=r'got 3\.0, expected more than 0 and at most 2'):
         validate({**VALUES, 'models': ['straight'], 'straight': {'stretch': 3.0}})
     with pytest.raises(
         ConfigurationError, match=r'straight.strech: is not known; did you mean straight.stretch'
