@@ -42,3 +42,13 @@ def recordings():
     if not folder.is_dir():
         pytest.skip(f'no recordings in {folder}; SESA2_DATA names their folder')
     return folder
+
+
+@pytest.fixture(scope='session')
+def cases():
+    """Folder of inputs as other systems write them, which are not part of the repository."""
+    root = Path(__file__).resolve().parents[1]
+    folder = Path(os.environ.get('SESA2_CASES', root.parent / 'shared/cases'))
+    if not folder.is_dir():
+        pytest.skip(f'no cases in {folder}; SESA2_CASES names their folder')
+    return folder

@@ -10,9 +10,8 @@ from sesa2.bags.definitions import POSE_ARRAY
 from sesa2.bags.reading import read_poses
 from sesa2.bags.writing import new_bag
 from sesa2.cli import main
-from sesa2.commands.evaluate import _Estimate, _in_one_frame
 from sesa2.configuration import files, validate
-from sesa2.evaluation.trajectory import Trajectory
+from sesa2.evaluation.bag_evaluation import evaluate_bag
 from sesa2.messages.cdr import Layout
 from sesa2.messages.imu_messages import TYPE, ImuMessages
 from sesa2.shape.rotations import IDENTITY, from_rotation_vector, multiply, rotate
@@ -169,6 +168,9 @@ def test_evaluate_finds_offset_and_frame_and_prints_what_the_design_says(tmp_pat
     np.testing.assert_allclose(figures['time_offset_s'], 5.25 - poses.times_s[0], atol=1e-3)
     np.testing.assert_allclose(figures['registration']['translation_m'], shift, atol=1e-3)
     assert (tmp_path / 'report/index.html').exists()
+    evaluation = evaluate_bag(estimate, truth, models=['pcc'], register='rigid')
+    assert evaluation.to_json() == figures
+    np.testing.assert_allclose(evaluation.pose.arc_lengths[[0, -1]], [0.0, 0.4])
     truth.write_text('time_s,A_x,A_y,B_x,B_y,B_z\n0.0,1,2,3,4,5\n')
     assert main(['evaluate', *arguments]) == 1
     assert 'no column A_z' in capsys.readouterr().err
@@ -224,16 +226,6 @@ def test_a_truth_in_the_other_frame_is_turned_by_the_base(
     assert json.loads(printed.out)['models']['pcc']['B']['median_mm'] < 0.01
     assert f'The truth is in frame {true_in}' in printed.err
     assert 'was turned by arm.base_orientation' in printed.err
-
-
-def test_an_imu_on_the_base_leaves_the_way_between_the_frames_unknown(config):
-    c = files.load(config)
-    c = replace(c, arm=replace(c.arm, base_orientation=(1.0, 0.0, 0.0, 0.0)), imus=replace(c.imus, base_id=8))
-    truth = Trajectory([0.0, 1.0], np.ones((2, 1, 3)), ('A',))
-    estimate = _Estimate(c, {'pcc': truth}, 'base_link', (np.zeros(2), np.zeros((2, 3))))
-    same, told = _in_one_frame(truth, 'world', estimate, 'none')
-    assert same is truth
-    assert '--register rigid' in told[0]
 
 
 def test_a_truth_in_a_frame_that_is_not_known_is_warned_of(tmp_path, turned_base, capsys):

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from sesa2.evaluation.accuracy import MarkerError, marker_error
+from sesa2.evaluation.drawn_pose import DrawnPose
 from sesa2.evaluation.registration import Kind, Registration, fit_registration
 from sesa2.evaluation.screening import Screened, screen
 from sesa2.evaluation.time_offset import TimeOffset, find_time_offset
@@ -40,6 +41,8 @@ class Evaluation:
         what was left out of the truth.
     warnings
         what a reader of the figures has to know, one sentence each.
+    pose
+        of the arm, to draw the errors around; None where only its markers are known.
     """
 
     models: Mapping[str, Mapping[str, MarkerError]]
@@ -49,6 +52,7 @@ class Evaluation:
     registration_from: str | None
     screened: Screened
     warnings: tuple[str, ...]
+    pose: DrawnPose | None = None
 
     def to_json(self) -> dict[str, Any]:
         """The figures as `sesa2 evaluate --json` prints them; a figure of no samples is None."""

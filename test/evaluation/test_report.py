@@ -6,12 +6,14 @@ import numpy as np
 import pytest
 
 from sesa2.evaluation.evaluate import evaluate
-from sesa2.evaluation.report import Backbone, Trial, write_report
+from sesa2.evaluation.report import DrawnPose, EvaluatedTrial, write_report
 from sesa2.evaluation.trajectory import EvaluationError, Trajectory
 
 ARC_LENGTHS = {'M1': 0.36, 'M2': 0.60}
 ANGLE = np.linspace(0.0, 1.2, 34)
-BACKBONE = Backbone(0.55 * ANGLE, 0.55 * np.stack((1.0 - np.cos(ANGLE), np.zeros(34), np.sin(ANGLE)), axis=1))
+BACKBONE = DrawnPose(
+    0.55 * ANGLE, 0.55 * np.stack((1.0 - np.cos(ANGLE), np.zeros(34), np.sin(ANGLE)), axis=1)
+)
 FIGURES = {'boxes.png', 'along_the_arm.png', 'over_time.png', 'hull.png'}
 
 matplotlib = pytest.importorskip('matplotlib', reason='reports need the extra "report" (matplotlib)')
@@ -30,7 +32,7 @@ def trial(motion):
             for i, model in enumerate(models)
         }
         truth = motion.record(100.0)
-        return Trial(label, evaluate(estimates, truth, ARC_LENGTHS, register=register), backbone)
+        return EvaluatedTrial(label, evaluate(estimates, truth, ARC_LENGTHS, register=register), backbone)
 
     return make
 
@@ -84,7 +86,7 @@ def test_times_are_from_the_beginning_of_the_truth(tmp_path, motion):
     truth, start = motion.record(100.0), 1.7e9
     later = Trajectory(truth.times + start, truth.positions, truth.names)
     result = evaluate({'pcc': motion.record(31.0)}, later, ARC_LENGTHS, register='rigid', time_offset=start)
-    html = write_report(tmp_path / 'r', [Trial('a', result)]).read_text(encoding='utf-8')
+    html = write_report(tmp_path / 'r', [EvaluatedTrial('a', result)]).read_text(encoding='utf-8')
     assert re.search(r'fitted with pcc on 0\.00 to (29|30)\.\d\d s', html)
     assert re.search(r'(29|30)\.\d\d to 59\.\d\d s of the truth', html)
 
@@ -123,7 +125,7 @@ def test_what_was_wrong_stands_on_the_page(tmp_path, motion):
     p[4000:4500, 0] = np.nan
     wrong = Trajectory(truth.times, p, truth.names)
     result = evaluate({'<pcc>': motion.record(31.0)}, wrong, ARC_LENGTHS, time_offset=0.0)
-    html = write_report(tmp_path / 'r', [Trial('a & b', result)]).read_text(encoding='utf-8')
+    html = write_report(tmp_path / 'r', [EvaluatedTrial('a & b', result)]).read_text(encoding='utf-8')
     assert 'The truth is in millimetres; it was converted to metres.' in html
     assert '50 samples of M1 exchanged with another marker' in html
     assert '+0.0000 s, as given' in html
@@ -142,7 +144,7 @@ def test_a_marker_without_figures_has_dashes(tmp_path, motion):
         ARC_LENGTHS,
         register='translation',
     )
-    html = write_report(tmp_path / 'r', [Trial('a', result, BACKBONE)]).read_text(encoding='utf-8')
+    html = write_report(tmp_path / 'r', [EvaluatedTrial('a', result, BACKBONE)]).read_text(encoding='utf-8')
     assert '<td class="first">–</td><td>–</td><td>–</td><td>0</td>' in html
     assert 'pcc has nothing to score at M1.' in html
 
@@ -197,4 +199,4 @@ def test_the_style_stays_in_the_report(tmp_path, trial):
 )
 def test_refuses_a_backbone_that_is_none(s, p):
     with pytest.raises(EvaluationError, match='backbone with arc lengths'):
-        Backbone(s, p)
+        DrawnPose(s, p)

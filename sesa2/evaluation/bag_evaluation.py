@@ -1,0 +1,155 @@
+"""A bag of estimates against a recording of the truth: what `sesa2 evaluate` does, as a function."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from sesa2.bags.reading import read_backbone, read_configuration, read_poses
+from sesa2.configuration import Configuration, files
+from sesa2.errors import Sesa2Error
+from sesa2.evaluation.drawn_pose import DrawnPose
+from sesa2.evaluation.evaluate import Evaluation, evaluate
+from sesa2.evaluation.registration import Kind
+from sesa2.evaluation.trajectory import Trajectory
+from sesa2.evaluation.truth import read_csv
+from sesa2.messages.topic_names import TRUTH_MARKERS, of_model
+from sesa2.shape.rotations import FloatArray, conjugate, rotate
+
+
+def evaluate_bag(
+    estimate: str | Path,
+    truth: str | Path,
+    *,
+    truth_topic: str = TRUTH_MARKERS,
+    models: Sequence[str] | None = None,
+    register: Kind = 'none',
+    fit_fraction: float = 0.5,
+    time_offset: float | None = None,
+) -> Evaluation:
+    """Compare the estimates in a bag with motion capture.
+
+    Parameters
+    ----------
+    estimate
+        a bag that `replay` or the recorder wrote; its configuration says which markers there are, and where.
+    truth
+        marker positions: a CSV file, or a bag.
+    truth_topic
+        the PoseArray in a bag.
+    models
+        names of models; all of the bag's configuration where it is None.
+    register
+        what to fit between the frames, on the first part of the trial; the rest is scored. `none` scores all.
+    fit_fraction
+        how much of the trial (by time) the registration is fitted on, between 0 and 1.
+    time_offset
+        s, added to the estimates' times; None to find it.
+
+    Returns
+    -------
+    The errors, with the pose to draw them around, and with all that a reader of them has to know as warnings.
+
+    Raises
+    ------
+    Sesa2Error
+        one of the two can't be read or holds no markers, or they do not belong together.
+    """
+    estimated = _read_estimate(Path(estimate), models)
+    c = estimated.configuration
+    true, frame, left_out = _read_truth(Path(truth), truth_topic, c.markers.names)
+    true, about_frames = _in_one_frame(true, frame, estimated, register)
+    arc_lengths = dict(zip(c.markers.names, c.markers.positions, strict=True))
+    evaluation = evaluate(
+        estimated.models,
+        true,
+        {name: arc_lengths[name] for name in true.names},
+        register=register,
+        fit_fraction=fit_fraction,
+        time_offset=time_offset,
+    )
+    warnings = (*left_out, *about_frames, *evaluation.warnings)
+    return replace(evaluation, warnings=warnings, pose=estimated.pose)
+
+
+class _Estimate(NamedTuple):
+    """What is in a bag of estimates.
+
+    Attributes
+    ----------
+    configuration
+        that was in force.
+    models
+        marker trajectories by model.
+    frame
+        in which they are.
+    pose
+        of a bent backbone.
+    """
+
+    configuration: Configuration
+    models: dict[str, Trajectory]
+    frame: str
+    pose: DrawnPose
+
+
+def _read_estimate(path: Path, models: Sequence[str] | None) -> _Estimate:
+    text = read_configuration(path)
+    if text is None:
+        raise Sesa2Error(f'{path}: has no topic configuration, expected a bag that sesa2 wrote')
+    c = files.parse(text, f'configuration in {path}')
+    if not c.markers.names:
+        raise Sesa2Error(f'{path}: its configuration has no markers, expected at least one to compare')
+    chosen = models or c.models
+    estimates = {}
+    for name in chosen:
+        poses = read_poses(path, of_model(name, 'markers'))
+        times, positions = _increasing(poses.times_s, poses.positions)
+        estimates[name] = Trajectory(times, positions, c.markers.names)
+    # For the figures: a pose that shows the arm well bent, its last marker being a median distance from the base.
+    model = c.create_model(chosen[-1])
+    reach = np.linalg.norm(poses.positions[:, -1], axis=-1)
+    pose = read_backbone(path, of_model(chosen[-1], 'shape'), int(np.argsort(reach)[len(reach) // 2]))
+    return _Estimate(c, estimates, poses.frame, DrawnPose(model.link_ends, pose))
+
+
+def _read_truth(path: Path, topic: str, markers: Sequence[str]) -> tuple[Trajectory, str, tuple[str, ...]]:
+    """Truth, its frame (empty where it is not known), and what was left out."""
+    if path.suffix.lower() == '.csv':
+        truth, left_out = read_csv(path, markers)
+        return truth, '', left_out
+    poses = read_poses(path, topic)
+    if poses.positions.shape[1] != len(markers):
+        raise Sesa2Error(
+            f'{path}: {topic} has {poses.positions.shape[1]} poses, expected {len(markers)}: {", ".join(markers)}'
+        )
+    times, positions = _increasing(poses.times_s, poses.positions)
+    return Trajectory(times, positions, tuple(markers)), poses.frame, ()
+
+
+def _in_one_frame(
+    truth: Trajectory, frame: str, estimate: _Estimate, register: str
+) -> tuple[Trajectory, tuple[str, ...]]:
+    """The truth in the estimate's frame where the way there is known, and what a reader has to know about it."""
+    c = estimate.configuration
+    if not frame or not estimate.frame or frame == estimate.frame:
+        return truth, ()
+    if {frame, estimate.frame} == {'world', 'base_link'} and not c.imus.base_id:
+        q = c.base if frame == 'base_link' else conjugate(c.base)  # both have their origin at the clamp
+        if abs(q[3]) == 1.0:
+            return truth, ()
+        done = "the truth was turned by arm.base_orientation of the estimate's configuration"
+        truth = Trajectory(truth.times, rotate(q, truth.positions), truth.names)
+    elif register == 'rigid':
+        return truth, ()
+    else:
+        done = 'the way from one to the other is not known; --register rigid fits it'
+    return truth, (f'The truth is in frame {frame}, the estimate in {estimate.frame}: {done}.',)
+
+
+def _increasing(times: FloatArray, positions: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Without what was recorded a second time: of a bag that was looped, the first round."""
+    first = np.concatenate([[True], times[1:] > np.maximum.accumulate(times)[:-1]])
+    return times[first], positions[first]
