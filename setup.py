@@ -1,19 +1,25 @@
 """Packaging of sesa2, for pip and for colcon (ament_python)."""
 
+import re
 from glob import glob
+from pathlib import Path
 
 from setuptools import find_packages, setup
+
+# The one place where the version stands; package.xml has to repeat it, and a test holds the two together.
+VERSION = re.search(r"__version__ = '(.+)'", Path('sesa2/__init__.py').read_text(encoding='utf-8'))[1]
 
 ROS = ['ros-jazzy-rclpy[fastrtps]', 'ros-jazzy-common-interfaces', 'ros-sesa2-msgs']
 
 setup(
     name='sesa2',
-    version='0.1.0',
+    version=VERSION,
     description='Proprioception for soft continuum arms from inertial sensors',
     license='Apache-2.0',
     maintainer='sesa2 maintainers',
     maintainer_email='maintainers@example.com',
     packages=find_packages(include=['sesa2', 'sesa2.*']),
+    package_data={'sesa2': ['py.typed']},
     python_requires='>=3.10',
     zip_safe=True,
     install_requires=[

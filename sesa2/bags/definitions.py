@@ -1,7 +1,7 @@
 """Definitions of message types: a bag carries the text of each type that it holds, so that it explains itself."""
 
 from functools import cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
@@ -45,6 +45,11 @@ def definition(type_name: str) -> Definition:
     """Definition of a type that sesa2 publishes, such as `nav_msgs/msg/Path`."""
     store = typestore()
     return Definition(store.generate_msgdef(type_name, ros_version=2)[0], store.hash_rihs01(type_name))
+
+
+def deserialise(data: bytes, type_name: str) -> Any:
+    """A message as an object with the fields of its definition; what is damaged raises anything."""
+    return typestore().deserialize_cdr(data, type_name)
 
 
 def string_message(text: str) -> bytes:

@@ -49,10 +49,7 @@ class OrientationsCsv:
         rows = np.array(table, dtype=float).reshape(len(table), len(columns))
         self._stamps = np.round(rows[:, 0] * NS).astype(np.int64)
         quaternions = rows[:, 1:].reshape(len(rows), -1, 4)
-        self._measured = {
-            absolute(imu_data(_imu_of(header[columns[1 + 4 * k]]))): quaternions[:, k]
-            for k in range(quaternions.shape[1])
-        }
+        self._measured = {absolute(imu_data(i)): quaternions[:, k] for k, i in enumerate(_ids(header))}
         self.topics = {
             name: RecordedTopic(TYPE, int(np.isfinite(q).all(axis=-1).sum()))
             for name, q in self._measured.items()
@@ -78,9 +75,13 @@ def _imu_of(column: str) -> int | None:
     return int(match[1]) if match else None
 
 
+def _ids(header: list[str]) -> list[int]:
+    return sorted({i for cell in header if (i := _imu_of(cell)) is not None})
+
+
 def _columns(header: list[str], path: Path) -> list[int]:
     """Indices of the time and of every IMU's x, y, z, w."""
-    ids = sorted({i for cell in header if (i := _imu_of(cell)) is not None})
+    ids = _ids(header)
     wanted = [_TIME, *(f'imu_{i}_{axis}' for i in ids for axis in 'xyzw')]
     if not ids or any(header.count(column) != 1 for column in wanted):
         lacking = [column for column in wanted if header.count(column) != 1]
@@ -92,7 +93,7 @@ def _columns(header: list[str], path: Path) -> list[int]:
 
 
 def _row(cells: list[str], header: list[str], columns: list[int], where: str) -> list[float]:
-    values = []
+    values: list[float] = []
     for column in columns:
         text = cells[column].strip() if column < len(cells) else ''
         try:

@@ -6,7 +6,7 @@ Its sensors all publish on `quat_meas`, type `sesa/quat`: a header without a sta
 from collections import Counter
 from collections.abc import Collection, Iterator
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from rosbags.rosbag1 import Reader
@@ -92,7 +92,7 @@ class PredecessorBag:
         read = 0
         try:
             for connection, log_ns, data in self._reader.messages(self._connections):
-                m = self._types.deserialize_ros1(data, connection.msgtype)
+                m: Any = self._types.deserialize_ros1(data, connection.msgtype)
                 yield _Quaternion(log_ns, m.ID, m.x, m.y, m.z, m.w)
                 read += 1
         except Exception as error:  # as above

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sesa2.bags.definitions import POSE_ARRAY, STRING, typestore
+from sesa2.bags.definitions import POSE_ARRAY, STRING, deserialise
 from sesa2.bags.recording import Recording, open_recording
 from sesa2.bags.topics import imu_topic
 from sesa2.errors import Sesa2Error
@@ -91,7 +91,7 @@ class ImuRecording:
         if name not in self._recording.topics or self._recording.topics[name].type != STRING:
             return None
         message = next(self._recording.messages([name]), None)
-        return typestore().deserialize_cdr(message.data, STRING).data if message else None
+        return deserialise(message.data, STRING).data if message else None
 
 
 def read_configuration(path: str | Path) -> str | None:
@@ -105,7 +105,7 @@ def read_configuration(path: str | Path) -> str | None:
     with open_recording(path) as recording:
         topics = [n for n, t in recording.topics.items() if n.endswith('/configuration') and t.type == STRING]
         message = next(recording.messages(topics), None) if topics else None
-    return typestore().deserialize_cdr(message.data, STRING).data if message else None
+    return deserialise(message.data, STRING).data if message else None
 
 
 class Poses(NamedTuple):
@@ -155,7 +155,7 @@ def read_poses(path: str | Path, topic: str) -> Poses:
         frame = ''
         for message in recording.messages([name]):
             try:
-                array = typestore().deserialize_cdr(message.data, POSE_ARRAY)
+                array = deserialise(message.data, POSE_ARRAY)
             except Exception:  # cut bytes make its parser stumble in any way
                 raise Sesa2Error(f'{path}: message {len(times)} of {name} is no {POSE_ARRAY}') from None
             stamp = array.header.stamp

@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Collection, Iterable, Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from rosbags.rosbag2 import Reader
@@ -33,7 +34,7 @@ class Recording:
         for part in parts:
             for name, topic in part.topics.items():
                 before = self.topics[name].count if name in self.topics else 0
-                self.topics[name] = topic._replace(count=topic.count + before)
+                self.topics[name] = replace(topic, count=topic.count + before)
 
     @property
     def problems(self) -> list[str]:
@@ -151,9 +152,8 @@ class _Rosbag2:
         for connection in self._reader.connections:
             name = self._names[connection.id]
             count = connection.msgcount + (self.topics[name].count if name in self.topics else 0)
-            self.topics[name] = RecordedTopic(
-                connection.msgtype, count, is_latched(connection.ext.offered_qos_profiles)
-            )
+            latched = is_latched(getattr(connection.ext, 'offered_qos_profiles', ()))
+            self.topics[name] = RecordedTopic(connection.msgtype, count, latched)
 
     def messages(self, topics: Collection[str]) -> Iterator[Message]:
         wanted = [c for c in self._reader.connections if self._names[c.id] in topics]

@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Collection, Iterable, Iterator
+from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
 from rosbags.interfaces import Qos, QosDurability
@@ -18,7 +19,8 @@ class Message(NamedTuple):
     data: bytes
 
 
-class RecordedTopic(NamedTuple):
+@dataclass(frozen=True)
+class RecordedTopic:
     """Type and number of messages; latched: a late subscriber is given the last one."""
 
     type: str

@@ -3,6 +3,7 @@
 import math
 from collections import Counter
 from collections.abc import Collection, Iterator
+from dataclasses import replace
 from pathlib import Path
 
 from mcap.records import Channel, Schema
@@ -41,7 +42,7 @@ class UnfinishedMcap:
         for message in self._messages(self.topics, self.problems):
             counts[message.topic] += 1
             first, last = min(first, message.log_ns), max(last, message.log_ns)
-        self.topics = {name: topic._replace(count=counts[name]) for name, topic in self.topics.items()}
+        self.topics = {name: replace(topic, count=counts[name]) for name, topic in self.topics.items()}
         if self.problems and counts:
             self.problems[-1] += f'; {counts.total()} messages over {(last - first) / NS:.2f} s were read'
 

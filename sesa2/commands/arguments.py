@@ -31,7 +31,7 @@ def load_config(options: argparse.Namespace) -> Configuration:
     ConfigurationError
         it is not there, or not valid.
     """
-    return files.load(files.find(options.config))
+    return files.load_configuration(options.config)
 
 
 def positive(text: str) -> float:

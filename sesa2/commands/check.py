@@ -13,5 +13,5 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Print the table, or raise with every mistake."""
-    print(describe(files.load(files.find(options.config))))
+    print(describe(files.load_configuration(options.config)))
     return 0

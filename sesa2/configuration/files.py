@@ -61,6 +61,22 @@ def load(path: str | Path) -> Configuration:
     return parse(text, str(path))
 
 
+def load_configuration(name: str | Path) -> Configuration:
+    """Read and validate a configuration, by the path of its file or by the name of a shipped one.
+
+    Parameters
+    ----------
+    name
+        a path, or for example `prototype3_8`.
+
+    Raises
+    ------
+    ConfigurationError
+        there is none, it is not YAML, or it holds mistakes: all of them are in the message, each with its place.
+    """
+    return load(find(str(name)))
+
+
 def parse(text: str, source: str) -> Configuration:
     """Read and validate YAML.
 

@@ -162,7 +162,7 @@ class Estimator:
             end_orientations=there[:, :n],
             markers=positions[:, n:],
             marker_orientations=there[:, n:],
-            near_singular=np.count_nonzero(lowest < WARN_COSINE),
+            near_singular=int(np.count_nonzero(lowest < WARN_COSINE)),
         )
 
     @staticmethod

@@ -2,6 +2,7 @@
 
 import functools
 import os
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -12,11 +13,11 @@ from std_srvs.srv import Trigger
 from sesa2.configuration import ConfigurationError, Mistake
 from sesa2.errors import Sesa2Error
 from sesa2.messages.topic_names import imu_calibration, imu_name
-from sesa2.ros.diagnostics import ERROR, OK, WARN, Diagnostics
+from sesa2.ros.diagnostics import ERROR, OK, WARN, Diagnostics, Part
 from sesa2.ros.parameters import declare_configuration
 from sesa2.ros.qos import STREAM
 from sesa2.ros.spinning import run_alone
-from sesa2.sensing.imu.bno055.offsets import Offsets, OffsetsError, load_offsets, save_offsets
+from sesa2.sensing.imu.bno055.offsets import Offsets, OffsetsError, Vector, load_offsets, save_offsets
 from sesa2.sensing.imu.bno055.scores import Scores
 
 
@@ -77,10 +78,9 @@ class CalibrationNode(rclpy.node.Node):
         if not message.offsets_valid:
             return
         self._offsets[imu] = Offsets(
-            *(
-                tuple(int(v) for v in o)
-                for o in (message.accel_offset, message.mag_offset, message.gyro_offset)
-            ),
+            _vector(message.accel_offset),
+            _vector(message.mag_offset),
+            _vector(message.gyro_offset),
             message.accel_radius,
             message.mag_radius,
         )
@@ -119,8 +119,8 @@ class CalibrationNode(rclpy.node.Node):
             response.message += f'; not read yet: {", ".join(map(str, unknown))}'
         return response
 
-    def _report(self) -> list[tuple[str, bytes, str, dict[str, Any]]]:
-        parts: list[tuple[str, bytes, str, dict[str, Any]]] = []
+    def _report(self) -> list[Part]:
+        parts: list[Part] = []
         for imu in self._ids:
             saved = 'saved' if imu in self.saved else 'not saved'
             step = self.steps.get(imu, 'nothing heard')
@@ -130,6 +130,11 @@ class CalibrationNode(rclpy.node.Node):
         if self._failure:
             parts.append((str(self._file), ERROR, self._failure, {}))
         return parts
+
+
+def _vector(values: Iterable[int]) -> Vector:
+    x, y, z = map(int, values)
+    return x, y, z
 
 
 def main() -> int:

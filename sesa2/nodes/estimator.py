@@ -24,7 +24,7 @@ from sesa2.messages.imu_messages import read_imu
 from sesa2.messages.results import TYPES, ResultMessages
 from sesa2.messages.robot import describe_robot
 from sesa2.messages.topic_names import CONFIGURATION, imu_data, imu_name, of_model
-from sesa2.ros.diagnostics import ERROR, OK, WARN, Diagnostics
+from sesa2.ros.diagnostics import ERROR, OK, WARN, Diagnostics, Part
 from sesa2.ros.parameters import declare_configuration
 from sesa2.ros.qos import ANY_STREAM, LATCHED, STREAM
 from sesa2.ros.spinning import run_alone
@@ -186,11 +186,11 @@ class EstimatorNode(rclpy.node.Node):
     def _publish_configuration(self) -> None:
         self._configuration_publisher.publish(String(data=files.dump(self.configuration)))
 
-    def _report(self) -> list[tuple[str, bytes, str, dict[str, Any]]]:
+    def _report(self) -> list[Part]:
         now, before = time.monotonic(), self._last_report
         elapsed = now - before[0]
         alive = self.assembler.alive
-        parts: list[tuple[str, bytes, str, dict[str, Any]]] = []
+        parts: list[Part] = []
         for index, imu in enumerate(self._ids):
             if imu not in self.configuration.imus.used_ids:
                 parts.append((imu_name(imu), OK, 'not enabled; interpolated from its neighbours', {}))

@@ -15,7 +15,7 @@ from sesa2.configuration import ConfigurationError, Mistake
 from sesa2.errors import Sesa2Error
 from sesa2.estimation.sweeps import RESET_NS
 from sesa2.messages.topic_names import imu_data
-from sesa2.ros.diagnostics import OK, Diagnostics
+from sesa2.ros.diagnostics import OK, Diagnostics, Part
 from sesa2.ros.parameters import declare_configuration
 from sesa2.ros.qos import STREAM
 from sesa2.ros.spinning import run_alone
@@ -110,7 +110,8 @@ class Player(rclpy.node.Node):
 
     def _paced(self) -> Iterator[tuple[Sample, float]]:
         """Each sample after the start, and how long to wait before it, s."""
-        first_ns = newest_ns = None
+        first_ns: int | None = None
+        newest_ns = 0
         skip_ns = round(self._run.start * NS)
         began = time.monotonic()
         for sample in self._imus.samples():
@@ -133,7 +134,7 @@ class Player(rclpy.node.Node):
             message.clock.sec, message.clock.nanosec = divmod(stamp_ns, NS)
             self._clock_publisher.publish(message)
 
-    def _report(self) -> list[tuple[str, bytes, str, dict[str, Any]]]:
+    def _report(self) -> list[Part]:
         text = 'finished' if self.finished else 'playing'
         return [('bag', OK, text, {'samples': self.n_played, 'rounds': self._rounds})]
 

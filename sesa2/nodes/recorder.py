@@ -19,7 +19,7 @@ from sesa2.errors import Sesa2Error
 from sesa2.messages.imu_messages import without_acceleration
 from sesa2.messages.results import TYPES
 from sesa2.messages.topic_names import CONFIGURATION, imu_calibration, imu_data, of_model
-from sesa2.ros.diagnostics import ERROR, OK, Diagnostics
+from sesa2.ros.diagnostics import ERROR, OK, Diagnostics, Part
 from sesa2.ros.parameters import declare_configuration
 from sesa2.ros.qos import ANY_STREAM, EVERY_LATCHED, STREAM
 from sesa2.ros.spinning import run_alone
@@ -109,7 +109,7 @@ class Recorder(rclpy.node.Node):
             self.failure, self.finished = error, True
         return not self.finished
 
-    def _report(self) -> list[tuple[str, bytes, str, dict[str, Any]]]:
+    def _report(self) -> list[Part]:
         level, text = (ERROR, str(self.failure)) if self.failure else (OK, f'recording into {self.path}')
         return [('bag', level, text, {'messages': self.n_messages})]
 

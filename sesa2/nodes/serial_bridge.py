@@ -24,7 +24,7 @@ from sesa2.link.session import LinkSettings, Session
 from sesa2.link.status import Counters, Event, ImuStatus, Level, OffsetsState
 from sesa2.messages.imu_messages import ImuMessages
 from sesa2.messages.topic_names import imu_calibration, imu_data, imu_name
-from sesa2.ros.diagnostics import ERROR, OK, WARN, Diagnostics
+from sesa2.ros.diagnostics import ERROR, OK, WARN, Diagnostics, Part
 from sesa2.ros.parameters import declare_configuration
 from sesa2.ros.qos import LATCHED, STREAM
 from sesa2.ros.spinning import run_alone
@@ -222,7 +222,7 @@ class SerialBridge(rclpy.node.Node):
             message.accel_radius, message.mag_radius = offsets.accel_radius, offsets.mag_radius
         self._calibration_publishers[imu].publish(message)
 
-    def _report(self) -> list[tuple[str, bytes, str, dict[str, Any]]]:
+    def _report(self) -> list[Part]:
         counters, before = self.session.counters(), self._shown
         self._shown = counters
         rate = counters.sweeps - before.sweeps
@@ -243,7 +243,7 @@ class SerialBridge(rclpy.node.Node):
         imus = self.session.imus()
         return [('link', level, text, values)] + [self._report_imu(i, imus.get(i)) for i in self._ids]
 
-    def _report_imu(self, imu: int, status: ImuStatus | None) -> tuple[str, bytes, str, dict[str, Any]]:
+    def _report_imu(self, imu: int, status: ImuStatus | None) -> Part:
         if status is None:
             return imu_name(imu), ERROR, 'not heard yet', {}
         scores = Scores(*status.scores)

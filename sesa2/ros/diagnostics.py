@@ -8,6 +8,9 @@ from rclpy.node import Node
 
 from sesa2.messages.topic_names import DIAGNOSTICS
 
+# What a node says of one of its parts: name, level, message and values.
+Part = tuple[str, bytes, str, Mapping[str, Any]]
+
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 
 
@@ -28,7 +31,7 @@ class Diagnostics:
         self,
         node: Node,
         hardware_id: str,
-        report: Callable[[], list[tuple[str, bytes, str, Mapping[str, Any]]]],
+        report: Callable[[], list[Part]],
     ):
         self._node, self._hardware_id, self._report = node, hardware_id, report
         self._publisher = node.create_publisher(DiagnosticArray, DIAGNOSTICS, 10)

@@ -1,5 +1,6 @@
 """The configuration as ROS parameters: read, validated as a whole, and shown described and ranged."""
 
+from collections.abc import Mapping
 from typing import Any
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
@@ -31,7 +32,8 @@ def declare_configuration(node: Node) -> Configuration:
         with every mistake.
     """
     values: dict[str, Any] = {}
-    for name, parameter in node.get_parameters_by_prefix('').items():
+    given: Mapping[str, Any] = node.get_parameters_by_prefix('')  # declared of values, and gives parameters
+    for name, parameter in given.items():
         if name.split('.')[0] not in _OF_ROS:
             section, _, key = name.rpartition('.')
             (values.setdefault(section, {}) if section else values)[key] = _value(parameter)

@@ -30,7 +30,10 @@ def ros_context(arguments: Sequence[str] | None = None) -> Iterator[None]:
         ROS cannot be initialised, for example because it cannot read the parameter file.
     """
     try:
-        rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
+        rclpy.init(
+            args=None if arguments is None else list(arguments),
+            signal_handler_options=SignalHandlerOptions.NO,
+        )
     except Exception as error:
         # rcl names neither the key nor the remedy; our own reader of the same file does.
         arguments = sys.argv if arguments is None else arguments

@@ -1,7 +1,6 @@
 """The node `system`: lets a control panel start and stop what `sesa2 run` runs."""
 
 from collections.abc import Callable
-from typing import Any
 
 import rclpy.node
 from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
@@ -10,7 +9,7 @@ from std_srvs.srv import Trigger
 
 from sesa2.configuration import Configuration, files
 from sesa2.errors import Sesa2Error
-from sesa2.ros.diagnostics import ERROR, OK, WARN, Diagnostics
+from sesa2.ros.diagnostics import ERROR, OK, WARN, Diagnostics, Part
 from sesa2.system.wiring import System
 
 
@@ -125,7 +124,7 @@ class RemoteControl(rclpy.node.Node):
     def _stop_recording(self) -> str:
         return f'recorded {self._system.stop_recording()}'
 
-    def _report(self) -> list[tuple[str, bytes, str, dict[str, Any]]]:
+    def _report(self) -> list[Part]:
         if self.trouble:
             return [('run', ERROR, self.trouble, {})]
         if not self._system.nodes:

@@ -210,7 +210,7 @@ def simulate_rod(
     if progress is not None:
         progress(1.0)
     return RodStates(
-        times=np.arange(n) * RECORD_INTERVAL,
+        times=np.arange(n, dtype=float) * RECORD_INTERVAL,
         orientations=_between(frames, (orientations_at - middles[elements[0]]) / (edges[1] - edges[0])),
         points=points,
         nodes=nodes,

@@ -47,6 +47,7 @@ class Field:
             first = int(match['first'])
             self._span = range(first, int(match['end']) if match['end'] else first + 1)
         self._entry, self._several = _entry(kind, self._span)
+        self._input: Any  # viser's inputs of different kinds have no common one with a value that can be set
         hint = rule['meaning']
         if self._entry is bool:
             self._input = gui.add_checkbox(label, bool(value), hint=hint)

@@ -214,7 +214,7 @@ class Form:
                     self._add(f'imus.mount_orientations[{4 * i}:{4 * i + 4}]', 'mounting xyzw', mounting),
                     self._add(f'imus.headings[{i}]', 'heading [rad]', heading),
                 ]
-            self._imu_rows.append((one, *fields[:3]))
+            self._imu_rows.append((one, fields[0], fields[1], fields[2]))
             return [*fields, one]
 
         rows = [

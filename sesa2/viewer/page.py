@@ -3,6 +3,7 @@
 import threading
 import time
 from collections.abc import Callable
+from functools import partial
 from html import escape
 from pathlib import Path
 from typing import Any
@@ -82,7 +83,7 @@ class Page:
                     )
                 )
                 box = self._gui.add_checkbox(name, self.scene.shown[name])
-                box.on_update(lambda event, name=name: self.scene.show(name, event.target.value))
+                box.on_update(partial(self._show_model, name))
                 self._boxes.append(box)
         self._tip_of.options = c.models
         self._plot.clear()
@@ -167,8 +168,15 @@ class Page:
         self._calibration_buttons = {}
         for action, (label, hint) in labels.items():
             button = self._gui.add_button(label, hint=hint, disabled=True)
-            button.on_click(lambda _, action=action: self._do(lambda: self._calibrate(action)))
+            button.on_click(partial(self._calibrate_when_clicked, action))
             self._calibration_buttons[action] = button
+
+    def _show_model(self, name: str, event: Any) -> None:
+        self.scene.show(name, event.target.value)
+
+    def _calibrate_when_clicked(self, action: str, event: Any) -> None:
+        del event
+        self._do(lambda: self._calibrate(action))
 
     def _calibrate(self, action: str) -> str:
         told = self._steering.act(action)

@@ -109,7 +109,7 @@ def calibration_html(live: Live) -> str:
             or '<td colspan="4">nothing heard</td>'
         )
         step = scores.next_step(c.serial.fusion) if scores else ''
-        done = bool(scores) and scores.complete(c.serial.fusion)
+        done = scores is not None and scores.complete(c.serial.fusion)
         rows.append(
             f'<tr><td><b>{i}</b></td>{bars}</tr><tr><td></td>'
             f'<td colspan="4" style="color:{_GREEN if done else _GREY};font-size:0.85em;padding-bottom:0.4em">'

@@ -1,5 +1,7 @@
 """The arm in 3D: a tube for each model, markers, IMUs, the base, and the truth as a ghost."""
 
+from typing import Any
+
 import numpy as np
 import trimesh.creation
 import viser
@@ -154,7 +156,10 @@ class Scene:
         target = 0.5 * c.arm.length * along
         aside = np.array([1.0, -1.0, 0.0]) if abs(along[2]) > 0.7 else np.array([-along[1], along[0], 0.0])
         position = target + c.arm.length * (1.3 * aside / np.linalg.norm(aside) + [0.0, 0.0, 0.35])
-        cameras = [self._server.initial_camera, *(k.camera for k in self._server.get_clients().values())]
+        cameras: list[Any] = [
+            self._server.initial_camera,
+            *(k.camera for k in self._server.get_clients().values()),
+        ]
         for camera in cameras:
             camera.position = position
             camera.look_at = target
