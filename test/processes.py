@@ -88,8 +88,8 @@ class Program:
 
 
 def node(name, folder, *arguments, **options):
-    """A node, by the script that `ros2 run` starts."""
-    return Program([REPOSITORY / 'scripts' / name, *arguments], folder, **options)
+    """A node on its own."""
+    return Program(['-m', f'sesa2.nodes.{name}', *arguments], folder, **options)
 
 
 def command(folder, *arguments, **options):

@@ -12,7 +12,7 @@ from sesa2.bags.writing import new_bag
 from sesa2.cli import main
 from sesa2.configuration import files, validate
 from sesa2.evaluation.bag_evaluation import evaluate_bag
-from sesa2.messages.cdr import Layout
+from sesa2.messages.cdr import CdrLayout
 from sesa2.messages.imu_messages import TYPE, ImuMessages
 from sesa2.shape.rotations import IDENTITY, from_rotation_vector, multiply, rotate
 from sesa2.system.virtual_source import make_virtual_board
@@ -206,7 +206,7 @@ def truth_bag(path, frame, poses):
     seven[..., :3], seven[..., 6] = poses.positions, 1.0
     with new_bag(path) as bag:
         topic = bag.add_topic('/truth/markers', POSE_ARRAY)
-        layout = Layout().header(frame).uint32(2).doubles(14).template()
+        layout = CdrLayout().header(frame).uint32(2).doubles(14).template()
         for stamp, row in zip(stamps, layout.make(stamps, seven.reshape(len(stamps), -1)), strict=True):
             bag.write(topic, int(stamp), row.tobytes())
     return path

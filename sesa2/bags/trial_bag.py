@@ -7,7 +7,7 @@ import numpy as np
 from sesa2.bags.definitions import POSE_ARRAY, STRING
 from sesa2.bags.writing import new_bag
 from sesa2.configuration import Configuration, files
-from sesa2.messages.cdr import Layout
+from sesa2.messages.cdr import CdrLayout
 from sesa2.messages.imu_messages import TYPE as IMU
 from sesa2.messages.imu_messages import ImuMessages
 from sesa2.messages.topic_names import CONFIGURATION, TRUTH_MARKERS, absolute, imu_data, imu_name
@@ -37,7 +37,7 @@ def write_trial(trial: Trial, configuration: Configuration, out: str | Path) -> 
         the folder exists, or cannot be written.
     """
     with new_bag(out) as bag:
-        text = Layout().string(files.dump(configuration)).template()
+        text = CdrLayout().string(files.dump(configuration)).template()
         messages = []
         for k, imu in enumerate(trial.sensor_ids.tolist()):
             topic = bag.add_topic(absolute(imu_data(imu)), IMU)
@@ -49,7 +49,7 @@ def write_trial(trial: Trial, configuration: Configuration, out: str | Path) -> 
         poses[..., :3] = trial.markers
         poses[..., 6] = 1.0
         n = poses.shape[1]
-        truth = Layout().header('world').uint32(n).doubles(7 * n).template()
+        truth = CdrLayout().header('world').uint32(n).doubles(7 * n).template()
         topic = bag.add_topic(absolute(TRUTH_MARKERS), POSE_ARRAY)
         stamps = _stamps(trial.truth_times)
         messages += [

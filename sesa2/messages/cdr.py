@@ -1,7 +1,7 @@
 """Messages of a fixed layout in CDR, the format of ROS 2 on the wire and in bags.
 
-A message whose texts and list lengths stay the same has its numbers at the same places every time. `Layout` writes such
-a message once and notes where its stamps and doubles are; `Template` then makes any number of them at once.
+A message whose texts and list lengths stay the same has its numbers at the same places every time. `CdrLayout` writes
+such a message once and notes where its stamps and doubles are; `Template` then makes any number of them at once.
 
 CDR (OMG DDS-XTypes, plain CDR version 1): four bytes that say little endian, then each field aligned to its own size
 counted from there; a text is its length with the closing NUL, then its bytes; a list is its length, then its entries.
@@ -17,7 +17,7 @@ from sesa2.time import NS
 LITTLE_ENDIAN = b'\x00\x01\x00\x00'
 
 
-class Layout:
+class CdrLayout:
     """Writes one message, field by field in the order of its definition."""
 
     def __init__(self) -> None:
@@ -25,30 +25,30 @@ class Layout:
         self._stamps: list[int] = []
         self._doubles: list[int] = []
 
-    def _put(self, size: int, packed: bytes) -> 'Layout':
+    def _put(self, size: int, packed: bytes) -> 'CdrLayout':
         self._body += bytes(-len(self._body) % size) + packed
         return self
 
-    def uint8(self, value: int) -> 'Layout':
+    def uint8(self, value: int) -> 'CdrLayout':
         """A uint8 or bool."""
         return self._put(1, struct.pack('<B', value))
 
-    def uint32(self, value: int) -> 'Layout':
+    def uint32(self, value: int) -> 'CdrLayout':
         """A uint32 or int32 that is not negative, or the length of a list."""
         return self._put(4, struct.pack('<I', value))
 
-    def float32(self, *values: float) -> 'Layout':
+    def float32(self, *values: float) -> 'CdrLayout':
         """One or more float32 that stay the same."""
         return self._put(4, struct.pack(f'<{len(values)}f', *values))
 
-    def string(self, text: str) -> 'Layout':
+    def string(self, text: str) -> 'CdrLayout':
         """A text."""
         data = text.encode() + b'\0'
         self.uint32(len(data))
         self._body += data
         return self
 
-    def strings(self, texts: Iterable[str]) -> 'Layout':
+    def strings(self, texts: Iterable[str]) -> 'CdrLayout':
         """A list of texts."""
         texts = list(texts)
         self.uint32(len(texts))
@@ -56,14 +56,14 @@ class Layout:
             self.string(text)
         return self
 
-    def header(self, frame_id: str) -> 'Layout':
+    def header(self, frame_id: str) -> 'CdrLayout':
         """A std_msgs/Header; its stamp will be filled in."""
         self._put(4, b'')
         self._stamps.append(len(self._body))
         self._body += bytes(8)
         return self.string(frame_id)
 
-    def doubles(self, n: int) -> 'Layout':
+    def doubles(self, n: int) -> 'CdrLayout':
         """Doubles that will be filled in."""
         if n:
             self._put(8, b'')
@@ -71,7 +71,7 @@ class Layout:
             self._body += bytes(8 * n)
         return self
 
-    def constants(self, *values: float) -> 'Layout':
+    def constants(self, *values: float) -> 'CdrLayout':
         """Doubles that stay the same."""
         return self._put(8, struct.pack(f'<{len(values)}d', *values))
 

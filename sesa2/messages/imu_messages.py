@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sesa2.errors import Sesa2Error
-from sesa2.messages.cdr import Layout
+from sesa2.messages.cdr import CdrLayout
 from sesa2.time import NS
 
 TYPE = 'sensor_msgs/msg/Imu'
@@ -68,7 +68,7 @@ class ImuMessages:
     _NO_ANGULAR_VELOCITY, _ACCELERATION, _NO_ACCELERATION = 16, slice(25, 28), 28
 
     def __init__(self, frame_id: str):
-        self._template = Layout().header(frame_id).doubles(self._N).template()
+        self._template = CdrLayout().header(frame_id).doubles(self._N).template()
 
     def make(self, stamp_ns: int, orientation: np.ndarray, acceleration: np.ndarray | None = None) -> bytes:
         """One message.

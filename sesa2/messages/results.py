@@ -6,7 +6,7 @@ import numpy as np
 
 from sesa2.configuration import Configuration
 from sesa2.estimation.estimator import Estimate, Estimator
-from sesa2.messages.cdr import Layout, Template
+from sesa2.messages.cdr import CdrLayout, Template
 from sesa2.messages.colours import model_colours
 from sesa2.messages.topic_names import of_model
 from sesa2.shape.rotations import FloatArray
@@ -54,15 +54,15 @@ class ResultMessages:
         for name, model in estimator.models.items():
             n = model.n_links
             layouts = {
-                'joint_states': Layout()
+                'joint_states': CdrLayout()
                 .header('')
                 .strings(joint_names(name, n))
                 .uint32(3 * n)
                 .doubles(3 * n)
                 .uint32(0)
                 .uint32(0),
-                'markers': Layout().header(frame).uint32(markers).doubles(7 * markers),
-                'tip': Layout().header(frame).doubles(7),
+                'markers': CdrLayout().header(frame).uint32(markers).doubles(7 * markers),
+                'tip': CdrLayout().header(frame).doubles(7),
                 'shape': _path(frame, n + 1),
                 'marker_array': _marker_array(frame, name, n + 1, configuration),
             }
@@ -85,8 +85,8 @@ class ResultMessages:
         return self._templates[topic].make(estimate.stamps_ns, _NUMBERS[kind](estimate.models[model]))
 
 
-def _path(frame: str, n: int) -> Layout:
-    layout = Layout().header(frame).uint32(n)
+def _path(frame: str, n: int) -> CdrLayout:
+    layout = CdrLayout().header(frame).uint32(n)
     for _ in range(n):
         layout.header(frame).doubles(7)
     return layout
@@ -96,10 +96,10 @@ _GREEN = (0.1, 0.8, 0.1)
 _LINE_STRIP, _SPHERE_LIST = 4, 7
 
 
-def _marker_array(frame: str, model: str, n_ends: int, configuration: Configuration) -> Layout:
+def _marker_array(frame: str, model: str, n_ends: int, configuration: Configuration) -> CdrLayout:
     """The backbone as a line as thick as the arm, the markers as spheres."""
     diameter = 2.0 * configuration.arm.radius
-    layout = Layout().uint32(2)
+    layout = CdrLayout().uint32(2)
     for number, (kind, points, scale, colour) in enumerate(
         [
             (

@@ -140,3 +140,7 @@ def _vector(values: Iterable[int]) -> Vector:
 def main() -> int:
     """`ros2 run sesa2 calibration`."""
     return run_alone(CalibrationNode)
+
+
+if __name__ == '__main__':
+    raise SystemExit(main())

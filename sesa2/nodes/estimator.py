@@ -229,3 +229,7 @@ class EstimatorNode(rclpy.node.Node):
 def main() -> int:
     """`ros2 run sesa2 estimator`."""
     return run_alone(EstimatorNode)
+
+
+if __name__ == '__main__':
+    raise SystemExit(main())

@@ -142,3 +142,7 @@ class Player(rclpy.node.Node):
 def main() -> int:
     """`ros2 run sesa2 player`."""
     return run_alone(Player)
+
+
+if __name__ == '__main__':
+    raise SystemExit(main())

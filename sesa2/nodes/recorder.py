@@ -117,3 +117,7 @@ class Recorder(rclpy.node.Node):
 def main() -> int:
     """`ros2 run sesa2 recorder`."""
     return run_alone(Recorder)
+
+
+if __name__ == '__main__':
+    raise SystemExit(main())

@@ -264,3 +264,7 @@ class SerialBridge(rclpy.node.Node):
 def main() -> int:
     """`ros2 run sesa2 serial_bridge`."""
     return run_alone(SerialBridge)
+
+
+if __name__ == '__main__':
+    raise SystemExit(main())

@@ -14,6 +14,7 @@ from rosbags.rosbag2 import Writer as Rosbag2
 from rosbags.typesys import Stores, get_typestore
 
 from sesa2.bags.recording import open_recording
+from sesa2.bags.topics import RecordedTopic
 from sesa2.bags.writing import BagWriter, new_bag
 from sesa2.errors import Sesa2Error
 from sesa2.messages.imu_messages import TYPE
@@ -89,8 +90,8 @@ def test_topics_and_their_types_and_counts(tmp_path, samples):
     for path in (tmp_path / 'in', tmp_path / 'in/in_0.mcap', cut(tmp_path / 'in/in_0.mcap', 0.99)):
         with open_recording(path) as recording:
             assert set(recording.topics) == {'/configuration', '/imu_1/data', '/imu_2/data', '/imu_3/data'}
-            assert recording.topics['/configuration'] == ('std_msgs/msg/String', 1, True)
-            assert recording.topics['/imu_1/data'] == (TYPE, 300, False)
+            assert recording.topics['/configuration'] == RecordedTopic('std_msgs/msg/String', 1, True)
+            assert recording.topics['/imu_1/data'] == RecordedTopic(TYPE, 300, False)
             only = list(recording.messages(['/imu_2/data']))
             assert [m.data for m in only] == [m.data for m in samples if m.topic == '/imu_2/data']
             assert list(recording.messages([])) == []

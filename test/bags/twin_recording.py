@@ -3,7 +3,7 @@
 import numpy as np
 
 from sesa2.bags.writing import new_bag
-from sesa2.messages.cdr import Layout
+from sesa2.messages.cdr import CdrLayout
 from sesa2.messages.imu_messages import TYPE
 
 START_NS = 1_700_000_000 * 10**9
@@ -36,7 +36,7 @@ def write_twin_recording(npz, out, seconds=None):
     values[..., :4] = q.swapaxes(0, 1)
     values[..., [13, 25]] = -1.0  # neither angular velocity nor acceleration
     rows = [
-        Layout().header(f'imu_{i + 1}').doubles(37).template().make(stamps[:, i], values[i])
+        CdrLayout().header(f'imu_{i + 1}').doubles(37).template().make(stamps[:, i], values[i])
         for i in range(n_imu)
     ]
     with new_bag(out) as bag:

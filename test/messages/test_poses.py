@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sesa2.errors import Sesa2Error
-from sesa2.messages.cdr import Layout
+from sesa2.messages.cdr import CdrLayout
 from sesa2.messages.poses import read_path, read_pose_array
 
 STAMP_NS = 1_700_000_000_123_456_789
@@ -48,7 +48,7 @@ def test_what_ros_serialises_is_read_back(frame, n):
 
 
 def made(n):
-    layout = Layout().header('base_link').uint32(n)
+    layout = CdrLayout().header('base_link').uint32(n)
     for _ in range(n):
         layout.header('base_link').doubles(7)
     return layout.template().make(np.array([STAMP_NS]), poses(n).reshape(1, -1))[0].tobytes()
