@@ -80,3 +80,19 @@ def test_names_of_files_and_classes_are_unique():
             if not found.startswith('_'):
                 assert found not in classes, f'class {found} in {path} and {classes[found]}'
                 classes[found] = path
+
+
+def test_the_picture_of_the_imports_in_the_readme_is_that_of_the_code():
+    layers = re.search(
+        r'type = "layers"\nlayers = \[(.*?)\]', (REPOSITORY / 'pyproject.toml').read_text(), re.S
+    )[1]
+    kept = [sorted(re.findall(r'sesa2\.(\w+)', line)) for line in layers.strip().splitlines()][::-1]
+    picture = re.search(r'^shape ← .*$', (REPOSITORY / 'README.md').read_text(), re.M)[0]
+    shown = [sorted(layer.strip().split(', ')) for layer in picture.split('←')]
+    files = [['errors'], ['time'], ['errors', 'time']]  # single files below all
+    assert shown == [layer for layer in kept if layer not in files]
+
+
+def test_the_readmes_python_runs():
+    for code in re.findall(r'```python\n(.*?)```', (REPOSITORY / 'README.md').read_text(), re.S):
+        exec(compile(code, 'README.md', 'exec'), {})
