@@ -116,6 +116,36 @@ def tangent(q: ArrayLike) -> FloatArray:
     return out
 
 
+def to_matrix(q: ArrayLike) -> FloatArray:
+    """Rotation matrices, whose columns are the images of the x, y and z axes.
+
+    Parameters
+    ----------
+    q : (..., 4)
+        unit quaternions q_AB, x y z w.
+
+    Returns
+    -------
+    (..., 3, 3), R with v_A = R v_B.
+    """
+    q = np.asarray(q, dtype=float)
+    x, y, z, w = q[..., 0], q[..., 1], q[..., 2], q[..., 3]
+    xx, yy, zz = x * x, y * y, z * z
+    xy, xz, yz, xw, yw, zw = x * y, x * z, y * z, x * w, y * w, z * w
+    half = np.empty((*x.shape, 3, 3))
+    half[..., 0, 0] = 0.5 - (yy + zz)
+    half[..., 0, 1] = xy - zw
+    half[..., 0, 2] = xz + yw
+    half[..., 1, 0] = xy + zw
+    half[..., 1, 1] = 0.5 - (xx + zz)
+    half[..., 1, 2] = yz - xw
+    half[..., 2, 0] = xz - yw
+    half[..., 2, 1] = yz + xw
+    half[..., 2, 2] = 0.5 - (xx + yy)
+    half += half
+    return half
+
+
 def from_rotation_vector(v: ArrayLike) -> FloatArray:
     """Exponential map.
 

@@ -29,6 +29,7 @@ def test_product_and_rotation_agree_with_scipy(rng):
     assert same_rotation(rotations.multiply(p, q).reshape(-1, 4), (P * Q).as_quat()).max() < 1e-15
     np.testing.assert_allclose(rotations.rotate(q, v).reshape(-1, 3), Q.apply(v.reshape(-1, 3)), atol=1e-14)
     np.testing.assert_allclose(rotations.tangent(q).reshape(-1, 3), Q.as_matrix()[:, :, 2], atol=1e-15)
+    np.testing.assert_allclose(rotations.to_matrix(q).reshape(-1, 3, 3), Q.as_matrix(), atol=1e-15)
     np.testing.assert_allclose(
         rotations.multiply(q, rotations.conjugate(q)),
         np.broadcast_to(rotations.IDENTITY, q.shape),
