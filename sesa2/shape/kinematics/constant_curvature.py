@@ -10,9 +10,9 @@ from sesa2.shape.kinematics.kinematics import Kinematics
 from sesa2.shape.kinematics.segment_chain import Places, Segments
 from sesa2.shape.rotations import FloatArray
 
-# Below a turn of 1 rad two quotients are summed as series in θ²; ten terms leave less than 1e-17. Both ways agree there
-# to the last digits, so that no jump is seen at the border.
-_ORDERS = np.arange(10)
+# Below a turn of 1 rad two quotients are summed as series in θ²; eight terms leave less than 1e-17. At the border both
+# ways agree to the last digits, so that no jump is seen there.
+_ORDERS = np.arange(8)
 _FIRST = np.array([(-1.0) ** k / factorial(2 * k + 3) for k in _ORDERS])
 _SECOND = np.array([(-1.0) ** (k + 1) * (k + 1) / factorial(2 * k + 4) for k in _ORDERS])
 

@@ -1,5 +1,7 @@
 """Arcs against scipy's rotations, the exact model and their own inverse."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -10,6 +12,8 @@ from sesa2.shape.arm import Arm, GeometryError
 from sesa2.shape.kinematics.constant_curvature import ConstantCurvature, arc_to
 from sesa2.shape.models import create_model
 from sesa2.shape.rotations import to_matrix
+
+assert_close = partial(np.testing.assert_allclose, rtol=0.0)  # atol alone says how close
 
 LENGTHS = (0.11, 0.14, 0.08)
 ENDS = np.cumsum(LENGTHS)
@@ -30,10 +34,10 @@ def test_a_quarter_circle_towards_x_and_one_towards_y():
     arm = ConstantCurvature([0.2])
     radius = 0.2 / (np.pi / 2)
     x, y = arm.backbone([[np.pi / 2, 0.0, 0.2], [0.0, np.pi / 2, 0.2]]).positions([0.2])[:, 0]
-    np.testing.assert_allclose(x, [radius, 0.0, radius], atol=1e-15)
-    np.testing.assert_allclose(y, [0.0, radius, radius], atol=1e-15)
+    assert_close(x, [radius, 0.0, radius], atol=1e-15)
+    assert_close(y, [0.0, radius, radius], atol=1e-15)
     tip = arm.backbone([np.pi / 2, 0.0, 0.2]).orientations([0.2])[0]
-    np.testing.assert_allclose(Rotation.from_quat(tip).apply([0, 0, 1]), [1, 0, 0], atol=1e-15)
+    assert_close(Rotation.from_quat(tip).apply([0, 0, 1]), [1, 0, 0], atol=1e-15)
 
 
 @pytest.mark.parametrize('size', [0.0, 1e-8, 0.4, 1.5])
@@ -44,12 +48,10 @@ def test_against_rotation_products_and_the_exact_model(size):
         q = kinematics.rest.copy().reshape(-1, 3)
         q[:, :2] = size * rng.uniform(-1, 1, (3, 2))
         backbone, ends = kinematics.backbone(q.ravel()), rotation_products(q)
-        np.testing.assert_allclose(to_matrix(backbone.orientations(ENDS)), ends.as_matrix(), atol=1e-14)
+        assert_close(to_matrix(backbone.orientations(ENDS)), ends.as_matrix(), atol=1e-14)
         exact = create_model('pcc_exact', Arm(ENDS[-1], tuple(ENDS))).fit(ends.as_quat())
-        np.testing.assert_allclose(backbone.positions(S), exact.positions(S), atol=1e-14)
-        np.testing.assert_allclose(
-            to_matrix(backbone.orientations(S)), to_matrix(exact.orientations(S)), atol=1e-14
-        )
+        assert_close(backbone.positions(S), exact.positions(S), atol=1e-14)
+        assert_close(to_matrix(backbone.orientations(S)), to_matrix(exact.orientations(S)), atol=1e-14)
 
 
 def test_both_sides_of_the_series_border_agree():
@@ -59,7 +61,18 @@ def test_both_sides_of_the_series_border_agree():
             arm.jacobian([(1.0 + e) * np.cos(direction), (1.0 + e) * np.sin(direction), 1.0], [1.0])
             for e in (-1e-14, 1e-14)
         )
-        np.testing.assert_allclose(below, above, atol=2e-14)
+        assert_close(below, above, atol=2e-14)
+
+
+def test_rates_keep_their_digits_near_straight():
+    """∂z/∂bend vanishes with the bend; divided by it, it is a series that starts with −1/3."""
+    bend = np.logspace(-150, -1, 300)
+    q = np.stack([bend, 0 * bend, np.ones_like(bend)], axis=-1)
+    s = bend**2
+    series = -1 / 3 + s / 30 - s**2 / 840 + s**3 / 45360
+    np.testing.assert_allclose(
+        ConstantCurvature([1.0]).jacobian(q, [1.0])[:, 0, 2, 0] / bend, series, rtol=1e-14
+    )
 
 
 @given(magnitudes, st.floats(-np.pi, np.pi), st.floats(0.01, 1.0))
