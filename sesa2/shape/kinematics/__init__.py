@@ -1,28 +1,21 @@
 """Families of shapes with coordinates, a file each: a further one is a further file with a class that has a `name`."""
 
-from abc import ABCMeta
 from importlib import import_module
 from pkgutil import iter_modules
+from typing import Any
 
 from numpy.typing import ArrayLike
 
 from sesa2.shape.arm import GeometryError
-from sesa2.shape.kinematics.kinematics import Kinematics
+from sesa2.shape.kinematics.kinematics import KINEMATICS, Kinematics
+
+__all__ = ['KINEMATICS', 'create_kinematics']
+
+for _file in iter_modules(__path__):
+    import_module(f'{__name__}.{_file.name}')
 
 
-def _registered() -> dict[str, type[Kinematics]]:
-    found = {}
-    for file in iter_modules(__path__):
-        for item in vars(import_module(f'{__name__}.{file.name}')).values():
-            if isinstance(item, ABCMeta) and issubclass(item, Kinematics) and 'name' in vars(item):
-                found[item.name] = item
-    return found
-
-
-KINEMATICS: dict[str, type[Kinematics]] = _registered()
-
-
-def create_kinematics(name: str, segment_lengths: ArrayLike) -> Kinematics:
+def create_kinematics(name: str, segment_lengths: ArrayLike) -> Kinematics[Any]:
     """Make a family by name.
 
     Parameters

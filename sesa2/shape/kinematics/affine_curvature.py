@@ -52,7 +52,7 @@ class Rows(NamedTuple):
     integrals: FloatArray
 
 
-class LinearCurvatureSegments(Segments):
+class LinearCurvatureSegments(Segments[Rows]):
     """Segments along which the frame turns at the rate Ω = (−κ_y, κ_x, 0) in its own axes, κ linear.
 
     In complex numbers k = κ_x + i κ_y, u = x + i y and g = w + i z of the quaternion the frame obeys u′ = ½ i k g and
@@ -81,17 +81,17 @@ class LinearCurvatureSegments(Segments):
         """At the nodes, batch + (m, nodes, 3, 3)."""
         return to_matrix(_AT_NODES @ self._series)
 
-    def poses(self, places: Places) -> tuple[FloatArray, FloatArray]:
+    def poses(self, places: Places[Rows]) -> tuple[FloatArray, FloatArray]:
         """See Segments."""
-        rows: Rows = places.kept
+        rows = places.kept
         length = self._lengths.take(places.section, axis=-1)[..., None]
         tangents = self._frames[..., 2]
         position = length * (rows.integrals @ _all_segments(tangents))
         return position, rows.powers @ _all_segments(self._series)
 
-    def rates(self, places: Places) -> FloatArray:
+    def rates(self, places: Places[Rows]) -> FloatArray:
         """See Segments."""
-        rows: Rows = places.kept
+        rows = places.kept
         frames = self._frames
         integrands = np.empty((*frames.shape[:-2], 3, 9))
         turning, carried, tangent = integrands[..., :4], integrands[..., 4:8], frames[..., 2]
@@ -113,7 +113,7 @@ class LinearCurvatureSegments(Segments):
         return out
 
 
-class AffineCurvature(Kinematics):
+class AffineCurvature(Kinematics[Rows]):
     """Curvature that varies linearly: per segment `bend_x0`, `bend_y0`, `bend_x1`, `bend_y1` (rad) and `length` (m).
 
     At the fraction v of a segment the curvature times the segment's length is bend0 + bend1 (v − ½), as a vector whose

@@ -17,7 +17,7 @@ _FIRST = np.array([(-1.0) ** k / factorial(2 * k + 3) for k in _ORDERS])
 _SECOND = np.array([(-1.0) ** (k + 1) * (k + 1) / factorial(2 * k + 4) for k in _ORDERS])
 
 
-class ArcSegments(Segments):
+class ArcSegments(Segments[FloatArray]):
     """Arcs. With a, b the bend up to a place and ℓ the length up to it, θ² = a² + b² (Hughes et al. eq. 1 and 2,
     Baaij et al. A.1, both corrected):
 
@@ -27,16 +27,16 @@ class ArcSegments(Segments):
     def __init__(self, own: FloatArray):
         self._own = own
 
-    def _up_to(self, places: Places) -> tuple[FloatArray, ...]:
+    def _up_to(self, places: Places[FloatArray]) -> tuple[FloatArray, ...]:
         """Fraction, a, b, ℓ, θ², σ = sin(θ/2) / (θ/2) and cos(θ/2), from which A and C come without cancellation."""
-        fraction: FloatArray = places.kept
+        fraction = places.kept
         a, b, length = fraction * np.moveaxis(self._own.take(places.section, axis=-2), -1, 0)
         square = a * a + b * b
         half = 0.5 * np.sqrt(square)
         sigma = np.sin(half) / np.where(half == 0.0, 1.0, half)
         return fraction, a, b, length, square, np.where(half == 0.0, 1.0, sigma), np.cos(half)
 
-    def poses(self, places: Places) -> tuple[FloatArray, FloatArray]:
+    def poses(self, places: Places[FloatArray]) -> tuple[FloatArray, FloatArray]:
         """See Segments."""
         _, a, b, length, _, sigma, cosine = self._up_to(places)
         half_sigma = 0.5 * sigma
@@ -50,7 +50,7 @@ class ArcSegments(Segments):
         orientation[..., 3] = cosine
         return position, orientation
 
-    def rates(self, places: Places) -> FloatArray:
+    def rates(self, places: Places[FloatArray]) -> FloatArray:
         """See Segments.
 
         By θ², A changes by (D − C)/2 and C by E, with D = (1 − A)/θ² and E = (A − 2 C)/(2 θ²). The turn is that of the
@@ -81,7 +81,7 @@ class ArcSegments(Segments):
         return out
 
 
-class ConstantCurvature(Kinematics):
+class ConstantCurvature(Kinematics[FloatArray]):
     """Piecewise constant curvature: per segment `bend_x`, `bend_y` (rad) and `length` (m).
 
     bend_x > 0 turns the segment's tip towards +x. The bend's magnitude is the angle between the segment's ends; there

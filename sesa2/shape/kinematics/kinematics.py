@@ -2,22 +2,28 @@
 
 from abc import ABC, abstractmethod
 from functools import lru_cache
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Generic
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from sesa2.shape.arm import GeometryError
+from sesa2.shape.arm import Arm, GeometryError
 from sesa2.shape.kinematics.segment_chain import Places, SegmentChain, Segments
+from sesa2.shape.model import Kept
 from sesa2.shape.rotations import FloatArray
 
+# Every family by its name, in the order in which their files were loaded.
+KINEMATICS: 'dict[str, type[Kinematics[Any]]]' = {}
 
-class Kinematics(ABC):
+
+class Kinematics(ABC, Generic[Kept]):
     """A family of shapes, bound to the rest lengths of an arm's segments.
 
     Places on the arm are material arc lengths s: metres from the clamp along the arm at rest, 0 to the sum of the rest
     lengths. A place keeps its fraction of its segment when the segment stretches, as what is glued to it does. The
     joint between two segments belongs to both.
+
+    A class that has a `name` is a family from then on: it can be chosen, and `create_kinematics` makes it.
 
     Parameters
     ----------
@@ -32,6 +38,8 @@ class Kinematics(ABC):
         names of one segment's coordinates; `length` is among them.
     segment_lengths : (m,)
         as given.
+    arm
+        the arm at rest.
     coordinate_names
         of all coordinates in their order, `segment_<k>_<name>` with k from 1.
     rest : (n_coordinates,)
@@ -46,6 +54,18 @@ class Kinematics(ABC):
     name: ClassVar[str]
     segment_coordinates: ClassVar[tuple[str, ...]]
 
+    def __init_subclass__(cls, **arguments: Any) -> None:
+        super().__init_subclass__(**arguments)
+        name = vars(cls).get('name')
+        if name is None:
+            return
+        other = KINEMATICS.get(name)
+        if other and (other.__module__, other.__qualname__) != (cls.__module__, cls.__qualname__):
+            raise GeometryError(
+                f'kinematics {name!r} of {cls.__module__}: {other.__module__} has one of this name'
+            )
+        KINEMATICS[name] = cls
+
     def __init__(self, segment_lengths: ArrayLike):
         lengths = np.array(segment_lengths, dtype=float)
         if lengths.ndim != 1 or not len(lengths):
@@ -59,6 +79,7 @@ class Kinematics(ABC):
             )
         self.segment_lengths = lengths
         self._joints = np.array([0.0, *np.cumsum(lengths)])
+        self.arm = Arm(float(self._joints[-1]))
         each = self.segment_coordinates
         self.coordinate_names = tuple(
             f'segment_{k}_{name}' for k in range(1, len(lengths) + 1) for name in each
@@ -73,7 +94,7 @@ class Kinematics(ABC):
         """Number of coordinates of the arm."""
         return len(self.coordinate_names)
 
-    def backbone(self, q: ArrayLike) -> SegmentChain:
+    def backbone(self, q: ArrayLike) -> SegmentChain[Kept]:
         """The backbone that coordinates describe.
 
         Parameters
@@ -118,7 +139,7 @@ class Kinematics(ABC):
         """
         return self.backbone(q).jacobian(s)
 
-    def at(self, s: ArrayLike) -> Places:
+    def at(self, s: ArrayLike) -> Places[Kept]:
         """What is kept ready for these arc lengths, (n,), m; computed at the first call and kept.
 
         Raises
@@ -131,11 +152,8 @@ class Kinematics(ABC):
             raise GeometryError(f'arc lengths of shape {s.shape}, expected (n,)')
         return self._cached(s.tobytes())
 
-    def _places(self, s: FloatArray) -> Places:
-        tip = self._joints[-1]
-        outside = ~((s >= 0.0) & (s <= tip * (1.0 + 1e-12)))
-        if outside.any():
-            raise GeometryError(f'arc length {s[outside][0]} m is not on the arm, 0 to {tip} m')
+    def _places(self, s: FloatArray) -> Places[Kept]:
+        self.arm.check_on_arm(s)
         segments = range(len(self.segment_lengths))
         section = np.searchsorted(self._joints[1:-1], s, side='left')
         fraction = (s - self._joints[section]) / self.segment_lengths[section]
@@ -150,11 +168,11 @@ class Kinematics(ABC):
         )
 
     @abstractmethod
-    def _segments(self, own: FloatArray) -> Segments:
+    def _segments(self, own: FloatArray) -> Segments[Kept]:
         """The segments with coordinates batch + (m, c)."""
 
     @abstractmethod
-    def _precompute(self, section: np.ndarray, fraction: FloatArray) -> Any:
+    def _precompute(self, section: np.ndarray, fraction: FloatArray) -> Kept:
         """What the family keeps for places in segments `section`, at fractions 0 to 1 of them; (n,) each."""
 
 

@@ -3,17 +3,17 @@
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Generic
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from sesa2.shape.model import Backbone
+from sesa2.shape.model import Backbone, Kept
 from sesa2.shape.rotations import FloatArray, multiply, to_matrix
 
 
 @dataclass(frozen=True)
-class Places:
+class Places(Generic[Kept]):
     """Where on the arm something is wanted, and what of that does not depend on the coordinates.
 
     The joints between segments, m − 1 of them, follow the n places that were asked for, so that one pass gives both.
@@ -36,22 +36,22 @@ class Places:
     section: np.ndarray
     within: list[np.ndarray | slice]
     beyond: list[np.ndarray | slice]
-    kept: Any
+    kept: Kept
 
 
-class Segments(ABC):
+class Segments(ABC, Generic[Kept]):
     """The segments of one shape or a batch of shapes, each seen from its own base."""
 
     @abstractmethod
-    def poses(self, places: Places) -> tuple[FloatArray, FloatArray]:
+    def poses(self, places: Places[Kept]) -> tuple[FloatArray, FloatArray]:
         """Positions, batch + (n + m − 1, 3), m, and orientations, batch + (n + m − 1, 4), x y z w."""
 
     @abstractmethod
-    def rates(self, places: Places) -> FloatArray:
+    def rates(self, places: Places[Kept]) -> FloatArray:
         """Their derivatives by the coordinates of the own segment, batch + (n + m − 1, 6, c): position, then turn."""
 
 
-class SegmentChain(Backbone):
+class SegmentChain(Backbone, Generic[Kept]):
     """The backbone that coordinates describe. Positions and orientations are in the base frame B.
 
     Parameters
@@ -64,11 +64,11 @@ class SegmentChain(Backbone):
         gives the Places of arc lengths.
     """
 
-    def __init__(self, segments: Segments, coordinates: int, at: Callable[[ArrayLike], Places]):
+    def __init__(self, segments: Segments[Kept], coordinates: int, at: Callable[[ArrayLike], Places[Kept]]):
         self._segments = segments
         self._coordinates = coordinates
         self._at = at
-        self._last: tuple[Places, FloatArray, FloatArray, FloatArray] | None = None
+        self._last: tuple[Places[Kept], FloatArray, FloatArray, FloatArray] | None = None
 
     def positions(self, s: ArrayLike) -> FloatArray:
         """See Backbone; at material arc lengths, in B."""
@@ -123,7 +123,7 @@ class SegmentChain(Backbone):
                 own[..., places.beyond[k], :, :] = carried
         return out.reshape(*batch, n, 6, m * self._coordinates)
 
-    def _chained(self, s: ArrayLike) -> tuple[Places, FloatArray, FloatArray, FloatArray]:
+    def _chained(self, s: ArrayLike) -> tuple[Places[Kept], FloatArray, FloatArray, FloatArray]:
         """Places, their positions and orientations in B, and the frames of the segments' bases, batch + (m, 3, 3).
 
         The last answer is kept: who wants positions mostly wants orientations or the Jacobian there, too.
@@ -133,7 +133,7 @@ class SegmentChain(Backbone):
             self._last = (places, *self._chain(places))
         return self._last
 
-    def _chain(self, places: Places) -> tuple[FloatArray, FloatArray, FloatArray]:
+    def _chain(self, places: Places[Kept]) -> tuple[FloatArray, FloatArray, FloatArray]:
         positions, orientations = self._segments.poses(places)
         n, joints, batch = places.n, len(places.section) - places.n, positions.shape[:-2]
         starts, turns = np.zeros((*batch, joints + 1, 3)), np.zeros((*batch, joints + 1, 4))

@@ -10,6 +10,8 @@ from scipy.spatial.transform import Rotation
 
 from sesa2.shape.arm import Arm, GeometryError
 from sesa2.shape.kinematics.constant_curvature import ConstantCurvature, arc_to
+from sesa2.shape.layout import Layout
+from sesa2.shape.measured import Measured
 from sesa2.shape.models import create_model
 from sesa2.shape.rotations import to_matrix
 
@@ -49,7 +51,7 @@ def test_against_rotation_products_and_the_exact_model(size):
         q[:, :2] = size * rng.uniform(-1, 1, (3, 2))
         backbone, ends = kinematics.backbone(q.ravel()), rotation_products(q)
         assert_close(to_matrix(backbone.orientations(ENDS)), ends.as_matrix(), atol=1e-14)
-        exact = create_model('pcc_exact', Arm(ENDS[-1], tuple(ENDS))).fit(ends.as_quat())
+        exact = create_model('pcc_exact', Layout(Arm(ENDS[-1]), tuple(ENDS))).fit(Measured(ends.as_quat()))
         assert_close(backbone.positions(S), exact.positions(S), atol=1e-14)
         assert_close(to_matrix(backbone.orientations(S)), to_matrix(exact.orientations(S)), atol=1e-14)
 

@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from sesa2.shape.arm import GeometryError
 from sesa2.shape.kinematics import KINEMATICS, create_kinematics
+from sesa2.shape.kinematics.kinematics import Kinematics
 from sesa2.shape.model import Backbone
 from sesa2.shape.rotations import to_matrix
 
@@ -56,6 +57,14 @@ def test_registry():
     assert set(KINEMATICS) == {'pcc', 'affine'}
     with pytest.raises(GeometryError, match=r"'arcs' is not known, expected one of .*pcc"):
         create_kinematics('arcs', [0.1])
+
+
+def test_two_families_of_one_name_are_refused():
+    with pytest.raises(
+        GeometryError, match=r"'pcc' of .*: sesa2.shape.kinematics.constant_curvature has one"
+    ):
+        type('Other', (Kinematics,), {'name': 'pcc', '__module__': __name__})
+    assert KINEMATICS['pcc'].__name__ == 'ConstantCurvature'
 
 
 def test_coordinate_names():
