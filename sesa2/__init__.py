@@ -16,6 +16,8 @@ if TYPE_CHECKING:
     from sesa2.estimation.sweeps import Sweep
     from sesa2.evaluation.bag_evaluation import evaluate_bag as evaluate
     from sesa2.shape.arm import Arm, GeometryError
+    from sesa2.shape.kinematics import create_kinematics
+    from sesa2.shape.kinematics.kinematics import Kinematics
     from sesa2.shape.layout import Layout
     from sesa2.shape.measured import Measured
     from sesa2.shape.model import Backbone, Model
@@ -32,6 +34,7 @@ __all__ = [
     'Estimate',
     'Estimator',
     'GeometryError',
+    'Kinematics',
     'Layout',
     'Measured',
     'Model',
@@ -40,6 +43,7 @@ __all__ = [
     'Sesa2Error',
     'Sweep',
     '__version__',
+    'create_kinematics',
     'create_model',
     'evaluate',
     'load_configuration',
@@ -55,6 +59,7 @@ _HOMES = {
     'Estimate': 'estimation.estimator',
     'Estimator': 'estimation.estimator',
     'GeometryError': 'shape.arm',
+    'Kinematics': 'shape.kinematics.kinematics',
     'Layout': 'shape.layout',
     'Measured': 'shape.measured',
     'Model': 'shape.model',
@@ -62,6 +67,7 @@ _HOMES = {
     'ModelResult': 'estimation.estimator',
     'Sesa2Error': 'errors',
     'Sweep': 'estimation.sweeps',
+    'create_kinematics': 'shape.kinematics',
     'create_model': 'shape.models',
     'evaluate': 'evaluation.bag_evaluation:evaluate_bag',
     'load_configuration': 'configuration.files',
