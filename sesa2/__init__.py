@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from sesa2.evaluation.bag_evaluation import evaluate_bag as evaluate
     from sesa2.shape.arm import Arm, GeometryError
     from sesa2.shape.kinematics import create_kinematics
-    from sesa2.shape.kinematics.kinematics import Kinematics
+    from sesa2.shape.kinematics.coordinates import Kinematics
     from sesa2.shape.layout import Layout
     from sesa2.shape.measured import Measured
     from sesa2.shape.model import Backbone, Model
@@ -59,7 +59,7 @@ _HOMES = {
     'Estimate': 'estimation.estimator',
     'Estimator': 'estimation.estimator',
     'GeometryError': 'shape.arm',
-    'Kinematics': 'shape.kinematics.kinematics',
+    'Kinematics': 'shape.kinematics.coordinates',
     'Layout': 'shape.layout',
     'Measured': 'shape.measured',
     'Model': 'shape.model',

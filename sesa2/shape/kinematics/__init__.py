@@ -7,7 +7,7 @@ from typing import Any
 from numpy.typing import ArrayLike
 
 from sesa2.shape.arm import GeometryError
-from sesa2.shape.kinematics.kinematics import KINEMATICS, Kinematics
+from sesa2.shape.kinematics.coordinates import KINEMATICS, Kinematics
 
 __all__ = ['KINEMATICS', 'create_kinematics']
 

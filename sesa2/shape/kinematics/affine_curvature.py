@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.polynomial import legendre
 
-from sesa2.shape.kinematics.kinematics import Kinematics
+from sesa2.shape.kinematics.coordinates import Kinematics
 from sesa2.shape.kinematics.segment_chain import Places, Segments
 from sesa2.shape.rotations import FloatArray, conjugate, cross, multiply, to_matrix
 

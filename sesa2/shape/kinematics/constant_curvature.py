@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sesa2.shape.arm import GeometryError
-from sesa2.shape.kinematics.kinematics import Kinematics
+from sesa2.shape.kinematics.coordinates import Kinematics
 from sesa2.shape.kinematics.segment_chain import Places, Segments
 from sesa2.shape.rotations import FloatArray
 

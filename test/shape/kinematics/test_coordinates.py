@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from sesa2.shape.arm import GeometryError
 from sesa2.shape.kinematics import KINEMATICS, create_kinematics
-from sesa2.shape.kinematics.kinematics import Kinematics
+from sesa2.shape.kinematics.coordinates import Kinematics
 from sesa2.shape.model import Backbone
 from sesa2.shape.rotations import to_matrix
 
