@@ -154,8 +154,13 @@ class Configuration:
 
     @property
     def base(self) -> FloatArray:
-        """q_WB, (4,), x y z w, unit norm."""
+        """q_WB as configured, (4,), x y z w, unit norm; with an IMU on the base, what is assumed until it is heard."""
         return _unit(self.arm.base_orientation)
+
+    @property
+    def base_mounting(self) -> FloatArray:
+        """q_BS of the IMU on the base, (4,), x y z w, unit norm."""
+        return _unit(self.imus.base_mount_orientation)
 
     @property
     def mountings(self) -> FloatArray:

@@ -83,9 +83,7 @@ class Estimator:
         self.layout = configuration.layout
         self._mounting = Mounting(configuration.mountings, configuration.headings)
         self._base = configuration.base
-        self._base_mounting = Mounting(
-            np.array([configuration.imus.base_mount_orientation], dtype=float), np.zeros(1)
-        )
+        self._base_mounting = Mounting(configuration.base_mounting[None], np.zeros(1))
         self._heading_filter = HeadingFilter(self.layout) if configuration.imus.heading_filter else None
         self._in_world = configuration.arm.output_frame == 'world'
         self._models = {

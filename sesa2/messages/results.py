@@ -9,7 +9,8 @@ from sesa2.estimation.estimator import Estimate, Estimator
 from sesa2.messages.cdr import CdrLayout, Template
 from sesa2.messages.colours import model_colours
 from sesa2.messages.topic_names import of_model
-from sesa2.shape.rotations import FloatArray
+from sesa2.shape.joints import joint_angles
+from sesa2.shape.rotations import IDENTITY, FloatArray
 
 TYPES = {
     'joint_states': 'sensor_msgs/msg/JointState',
@@ -18,6 +19,10 @@ TYPES = {
     'shape': 'nav_msgs/msg/Path',
     'marker_array': 'visualization_msgs/msg/MarkerArray',
 }
+
+
+# Joints by which a measured base turns in the world. They follow those of the arm, which so keep their places.
+BASE_JOINTS = ('base_x', 'base_z', 'base_y')
 
 
 class ResultTopic(NamedTuple):
@@ -50,15 +55,17 @@ class ResultMessages:
 
     def __init__(self, configuration: Configuration, estimator: Estimator):
         self._templates: dict[ResultTopic, Template] = {}
+        self._base_turns = configuration.imus.base_id != 0
         frame, markers = configuration.frame_id, len(configuration.markers.names)
         for name, model in estimator.models.items():
             n = model.n_links
+            joints = joint_names(name, n) + (list(BASE_JOINTS) if self._base_turns else [])
             layouts = {
                 'joint_states': CdrLayout()
                 .header('')
-                .strings(joint_names(name, n))
-                .uint32(3 * n)
-                .doubles(3 * n)
+                .strings(joints)
+                .uint32(len(joints))
+                .doubles(len(joints))
                 .uint32(0)
                 .uint32(0),
                 'markers': CdrLayout().header(frame).uint32(markers).doubles(7 * markers),
@@ -82,7 +89,11 @@ class ResultMessages:
         (n_sweeps, size), uint8: a message a row.
         """
         model, _, kind = topic.name.partition('/')
-        return self._templates[topic].make(estimate.stamps_ns, _NUMBERS[kind](estimate.models[model]))
+        numbers = _NUMBERS[kind](estimate.models[model])
+        if kind == 'joint_states' and self._base_turns:
+            base = joint_angles(estimate.base[:, None], IDENTITY).angles
+            numbers = np.concatenate([numbers, base[:, 0]], axis=-1)
+        return self._templates[topic].make(estimate.stamps_ns, numbers)
 
 
 def _path(frame: str, n: int) -> CdrLayout:

@@ -1,7 +1,7 @@
 """The arm as a robot description (URDF), so that the tools of ROS which know joints can show it.
 
 Each link hangs on its predecessor by revolute joints about x, z and y, in this order, with empty links between; its
-frame begins at that joint, z along the link. The angles are those of `joints`.
+frame begins at that joint, z along the link. So hangs a base that moves on the world. The angles are those of `joints`.
 """
 
 import math
@@ -25,7 +25,7 @@ def robot_description(
     links: Sequence[str],
     link_ends: Sequence[float] | FloatArray,
     radius: float,
-    base: Sequence[float] | FloatArray = IDENTITY,
+    base: Sequence[float] | FloatArray | None = IDENTITY,
     markers: Iterable[tuple[str, float]] = (),
 ) -> str:
     """Describe an arm.
@@ -41,7 +41,8 @@ def robot_description(
     radius
         of the arm, m.
     base : (4,)
-        q_WB, x y z w: how `base_link` sits in `world`, the root.
+        q_WB, x y z w: how `base_link` sits in `world`, the root. None: it turns, by the joints `base_x`, `base_z` and
+        `base_y`.
     markers
         name and arc length, m, of each point to be shown.
 
@@ -53,20 +54,20 @@ def robot_description(
     for material, rgba in (('arm', '0.35 0.55 0.75 1'), ('marker', '0.1 0.8 0.1 1')):
         ET.SubElement(ET.SubElement(robot, 'material', name=material), 'color', rgba=rgba)
     ET.SubElement(robot, 'link', name='world')
-    ET.SubElement(robot, 'link', name='base_link')
-    _join(robot, 'world_to_base', 'fixed', 'world', 'base_link', rpy=_rpy(np.asarray(base, dtype=float)))
+    if base is None:
+        _add_turning(robot, 'base', 'base_link', 'world')
+    else:
+        ET.SubElement(robot, 'link', name='base_link')
+        _join(robot, 'world_to_base', 'fixed', 'world', 'base_link', rpy=_rpy(np.asarray(base, dtype=float)))
 
     ends = [float(s) for s in link_ends]
     lengths = np.diff(ends).tolist()
     parent, offset = 'base_link', 0.0
     for link, length in zip(links, lengths, strict=True):
-        for axis, child in (('x', f'{link}_after_x'), ('z', f'{link}_after_z'), ('y', link)):
-            _add_link(robot, child, length if child == link else 0.0, radius)
-            joint = _join(robot, f'{link}_{axis}', 'revolute', parent, child, z=offset)
-            ET.SubElement(joint, 'axis', xyz=_AXES[axis])
-            ET.SubElement(joint, 'limit', _LIMITS[axis])
-            parent, offset = child, 0.0
-        offset = length
+        element = _add_turning(robot, link, link, parent, offset)
+        if length:
+            _add_visual(element, 'arm', 0.5 * length, 'cylinder', radius=repr(radius), length=repr(length))
+        parent, offset = link, length
     ET.SubElement(robot, 'link', name=f'{name}_tip')
     _join(robot, f'{name}_to_tip', 'fixed', parent, f'{name}_tip', z=offset)
     for marker, s in markers:
@@ -77,10 +78,15 @@ def robot_description(
     return ET.tostring(robot, encoding='unicode')
 
 
-def _add_link(robot: ET.Element, name: str, length: float, radius: float) -> None:
-    link = ET.SubElement(robot, 'link', name=name)
-    if length:
-        _add_visual(link, 'arm', 0.5 * length, 'cylinder', radius=repr(radius), length=repr(length))
+def _add_turning(robot: ET.Element, joints: str, link: str, parent: str, offset: float = 0.0) -> ET.Element:
+    """A link on three joints `<joints>_x`, `_z` and `_y`, so far along its parent; the link."""
+    for axis, child in (('x', f'{joints}_after_x'), ('z', f'{joints}_after_z'), ('y', link)):
+        element = ET.SubElement(robot, 'link', name=child)
+        joint = _join(robot, f'{joints}_{axis}', 'revolute', parent, child, z=offset)
+        ET.SubElement(joint, 'axis', xyz=_AXES[axis])
+        ET.SubElement(joint, 'limit', _LIMITS[axis])
+        parent, offset = child, 0.0
+    return element
 
 
 def _add_visual(link: ET.Element, material: str, z: float, shape: str, **size: str) -> None:

@@ -29,7 +29,7 @@ def make_virtual_board(c: Configuration, link: Path | None = None) -> VirtualBoa
     ids, positions, mountings, headings = c.imus.ids, c.imus.positions, c.mountings, c.headings
     if c.imus.base_id:  # a chip on the clamp too, the first
         ids, positions = (c.imus.base_id, *ids), (0.0, *positions)
-        mountings = np.vstack([c.imus.base_mount_orientation, mountings])
+        mountings = np.vstack([c.base_mounting, mountings])
         headings = np.concatenate([[0.0], headings])
     motion = _recorded(c) if c.run.trial else ArmMotion(positions, c.base)
     arm = VirtualArm(ids, motion, mount_orientations=mountings, headings=headings)

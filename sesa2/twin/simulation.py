@@ -6,7 +6,7 @@ import numpy as np
 
 from sesa2.configuration import Configuration
 from sesa2.sensing.imu.error_model import Bno055Errors, Measurement, measure
-from sesa2.shape.rotations import FloatArray, normalize, rotate
+from sesa2.shape.rotations import FloatArray, rotate
 from sesa2.twin.hand import hand_path
 from sesa2.twin.trial import Trial, TrialError
 
@@ -122,7 +122,7 @@ def _measure(
     if configuration.imus.base_id:
         on_base = np.broadcast_to(configuration.base, (len(links), 1, 4))
         links = np.concatenate([links, on_base], axis=1)
-        mountings = np.vstack([mountings, normalize(configuration.imus.base_mount_orientation)])
+        mountings = np.vstack([mountings, configuration.base_mounting])
         headings = np.append(headings, 0.0)
     last = times[-1] - errors.read_interval * links.shape[1]
     sweeps = np.arange(_FIRST_SWEEP, last, 1.0 / configuration.serial.rate_hz)

@@ -58,7 +58,7 @@ class Scene:
         self._colours = model_colours(c.models)
         self._link_ends = {name: c.create_model(name).link_ends for name in c.models}
         self._mounting = Mounting(np.array([[0.0, 0.0, 0.0, 1.0]] * len(c.imus.ids)), c.headings)
-        self._base_mounting = Mounting(np.array([c.imus.base_mount_orientation], dtype=float), np.zeros(1))
+        self._base_mounting = Mounting(c.base_mounting[None], np.zeros(1))
         with self._server.atomic():
             if before is not None:
                 self._scene.remove_by_name('/arm')

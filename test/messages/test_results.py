@@ -3,13 +3,14 @@
 import numpy as np
 import pytest
 from rosbags.typesys import Stores, get_typestore
+from scipy.spatial.transform import Rotation
 
 from sesa2.configuration import files, validate
 from sesa2.errors import Sesa2Error
 from sesa2.estimation.estimator import Estimator
 from sesa2.estimation.sweeps import Sweep
 from sesa2.messages.imu_messages import ImuMessages, read_imu, without_acceleration
-from sesa2.messages.results import ResultMessages
+from sesa2.messages.results import ResultMessages, joint_names
 from sesa2.shape.rotations import normalize
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
@@ -22,7 +23,7 @@ def made(request):
     values = {
         'arm': {'length': 0.3, 'base_orientation': [0.1, 0.2, 0.3, 0.927]},
         'imus': {'ids': [1, 2, 3], 'positions': [0.1, 0.2, 0.29]},
-        'markers': {'names': ['M1'], 'positions': [0.15]},
+        'markers': {'names': ['M2', 'M1'], 'positions': [0.25, 0.12]},
         'models': ['rigid', 'pcc', 'pcc_exact'],
         'links': 5,
     }
@@ -47,6 +48,10 @@ def stamp(header):
     return header.stamp.sec * 10**9 + header.stamp.nanosec
 
 
+def xyzw(q):
+    return [q.x, q.y, q.z, q.w]
+
+
 def test_every_topic_is_byte_for_byte_what_rosbags_writes(made):
     _, estimate, messages = made
     for topic in messages.topics:
@@ -65,33 +70,70 @@ def test_the_numbers_are_at_their_places(made):
             message = check_bytes(row, topic.type)
             if kind == 'joint_states':
                 assert stamp(message.header) == STAMPS[i]
-                assert message.name[:4] == [
-                    f'{model}_001_x',
-                    f'{model}_001_z',
-                    f'{model}_001_y',
-                    f'{model}_002_x',
-                ]
+                n = result.joints.shape[1]
+                assert message.name == [f'{model}_{k:03d}_{axis}' for k in range(1, n + 1) for axis in 'xzy']
                 np.testing.assert_array_equal(message.position, result.joints[i].ravel())
             elif kind == 'shape':
                 assert {stamp(pose.header) for pose in message.poses} == {STAMPS[i]}
                 assert {pose.header.frame_id for pose in message.poses} == {configuration.frame_id}
                 got = [[p.pose.position.x, p.pose.position.y, p.pose.position.z] for p in message.poses]
                 np.testing.assert_array_equal(got, result.ends[i])
-                got = [p.pose.orientation for p in message.poses]
-                np.testing.assert_array_equal([[q.x, q.y, q.z, q.w] for q in got], result.end_orientations[i])
+                got = [xyzw(p.pose.orientation) for p in message.poses]
+                np.testing.assert_array_equal(got, result.end_orientations[i])
             elif kind == 'markers':
                 got = [[p.position.x, p.position.y, p.position.z] for p in message.poses]
                 np.testing.assert_array_equal(np.reshape(got, (-1, 3)), result.markers[i])
+                got = [xyzw(p.orientation) for p in message.poses]
+                np.testing.assert_array_equal(np.reshape(got, (-1, 4)), result.marker_orientations[i])
             elif kind == 'tip':
                 assert message.header.frame_id == configuration.frame_id
                 np.testing.assert_array_equal(
                     [getattr(message.pose.position, c) for c in 'xyz'], result.ends[i, -1]
                 )
+                np.testing.assert_array_equal(xyzw(message.pose.orientation), result.end_orientations[i, -1])
             else:
                 line, spheres = message.markers
                 np.testing.assert_array_equal([[p.x, p.y, p.z] for p in line.points], result.ends[i])
-                assert len(spheres.points) == len(configuration.markers.names)
+                got = [[p.x, p.y, p.z] for p in spheres.points]
+                np.testing.assert_array_equal(np.reshape(got, (-1, 3)), result.markers[i])
+                assert (line.type, spheres.type) == (line.LINE_STRIP, spheres.SPHERE_LIST)
+                for marker in (line, spheres):
+                    assert (marker.action, marker.ns) == (marker.ADD, model)
+                    assert stamp(marker.header) == STAMPS[i]
+                    assert marker.header.frame_id == configuration.frame_id
+                assert line.id != spheres.id
                 assert line.scale.x == 0.025
+
+
+def test_a_measured_base_turns_by_joints_behind_the_arms():
+    configuration = validate(
+        {
+            'arm': {'length': 0.3},
+            'imus': {'ids': [1, 2], 'positions': [0.1, 0.3], 'base_id': 5},
+            'models': ['rigid', 'spline'],
+            'links': 4,
+        }
+    )
+    rng = np.random.default_rng(2)
+    bases = Rotation.random(2, random_state=3)
+    sweeps = [
+        Sweep(t, normalize(rng.normal(size=(2, 4))), np.ones(2, bool), q)
+        for t, q in zip(STAMPS, bases.as_quat(), strict=True)
+    ]
+    estimator = Estimator(configuration)
+    estimate, messages = estimator.estimate(sweeps), ResultMessages(configuration, estimator)
+    for topic in messages.topics:
+        model, _, kind = topic.name.partition('/')
+        for i, row in enumerate(messages.make(topic, estimate)):
+            message = check_bytes(row, topic.type)
+            if kind == 'joint_states':
+                joints = estimate.models[model].joints[i].ravel()
+                assert message.name[:-3] == joint_names(model, len(joints) // 3)
+                assert message.name[-3:] == ['base_x', 'base_z', 'base_y']
+                np.testing.assert_array_equal(message.position[:-3], joints)
+                np.testing.assert_allclose(message.position[-3:], bases[i].as_euler('XZY'), atol=1e-12)
+                assert not len(message.velocity)
+                assert not len(message.effort)
 
 
 def test_imu_messages():

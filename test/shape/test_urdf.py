@@ -113,9 +113,28 @@ def test_markers_sit_on_the_arm():
     np.testing.assert_allclose(there, backbone.positions(list(at.values())), atol=1e-9)
 
 
-def test_it_is_one_tree_on_one_line():
+@pytest.mark.parametrize('base', BASES.values(), ids=BASES.keys())
+def test_a_base_that_turns_is_three_joints_in_front_of_the_arm(base):
+    model = create_model('pcc', LAYOUT, segments=[2] * 8)
+    backbone = model.fit(Measured(bent(base), base))
+    links = backbone.orientations(model.link_middles)
+    description = describe('pcc', model, None, [('M1', 0.36)])
+    names = ['base_x', 'base_z', 'base_y', *joint_names('pcc', model.n_links)]
+    assert joint_names_of(description) == names
+    angles = [Rotation.from_quat(base).as_euler('XZY'), *joint_angles(links, base).angles]
+    robot = moved(description, np.array(angles))
+    np.testing.assert_allclose(ends(robot, 'pcc', model), backbone.positions(model.link_ends), atol=1e-7)
+    there = robot.get_transform('pcc_M1', 'world')[:3, 3]
+    np.testing.assert_allclose(there, backbone.positions([0.36])[0], atol=1e-7)
+    turned = robot.get_transform('base_link', 'world')
+    np.testing.assert_allclose(turned[:3, :3], Rotation.from_quat(base).as_matrix(), atol=1e-7)
+    np.testing.assert_array_equal(turned[:3, 3], 0.0)
+
+
+@pytest.mark.parametrize('base', [IDENTITY, None], ids=['fixed base', 'base that turns'])
+def test_it_is_one_tree_on_one_line(base):
     model = create_model('rigid', LAYOUT)
-    description = describe('rigid', model, IDENTITY, [('M1', 0.3)])
+    description = describe('rigid', model, base, [('M1', 0.3)])
     assert '\n' not in description
     robot = ET.fromstring(description)
     links = [link.get('name') for link in robot.findall('link')]
