@@ -6,7 +6,7 @@ import pytest
 
 from sesa2.link.link_errors import CommandError, LinkError, ProtocolVersionError
 from sesa2.link.packets import State
-from sesa2.link.requests import FusionMode
+from sesa2.link.requests import Command, FusionMode, Result
 from sesa2.link.serial_port import SerialPort
 from sesa2.link.session import LinkSettings, Session
 from sesa2.link.status import Level, OffsetsState
@@ -252,12 +252,76 @@ def test_offsets_are_looked_up_at_every_connect(make_board, make_session, record
 
 
 def test_offsets_saved_meanwhile_are_checked(make_board, make_session, recorder):
-    virtual = make_board()
+    # A chip without offsets works with others as soon as it has learnt its own; this one learns nothing meanwhile.
+    virtual = make_board(calibration_s=3600.0)
     saved = dict(SAVED)
     session = make_session(saved)
     recorder.wait_for_sweeps(5)
     saved[3] = Offsets.from_registers(virtual._chips[3].read_offsets())
     recorder.wait(lambda: session.imus()[3].offsets is OffsetsState.AS_SAVED)
+
+
+def test_offsets_that_the_board_refuses_end_nothing(make_board, make_session, recorder):
+    virtual = make_board()
+    visit = virtual._firmware._visit
+
+    def refuse(request, now_us):
+        if request.command is Command.WRITE_OFFSETS and request.arguments[0] + 1 == 2:
+            virtual._firmware._reply(request, Result.I2C_ERROR)
+        else:
+            visit(request, now_us)
+
+    virtual._firmware._visit = refuse
+    session = make_session()
+    recorder.wait(lambda: states(session) == RUN)
+    recorder.wait(lambda: session.imus()[2].offsets is OffsetsState.DIFFERENT)
+    assert session.imus()[4].offsets is OffsetsState.AS_SAVED
+    [refused] = recorder.messages(Level.ERROR)
+    assert 'WRITE_OFFSETS of IMU 2' in refused
+    recorder.wait_for_sweeps(20)
+    counters = session.counters()
+    assert (counters.reconnects, counters.stalls, counters.board_resets) == (0, 0, 0)
+
+
+def test_offsets_that_cannot_be_read_end_nothing(make_board, make_session, recorder):
+    virtual = make_board()
+    visit = virtual._firmware._visit
+
+    def refuse(request, now_us):
+        if request.command is Command.READ_OFFSETS and request.arguments[0] + 1 == 2:
+            virtual._firmware._reply(request, Result.I2C_ERROR)
+        else:
+            visit(request, now_us)
+
+    virtual._firmware._visit = refuse
+    session = make_session()
+    recorder.wait_for_event('offsets not checked: READ_OFFSETS of IMU 2')
+    recorder.wait(lambda: states(session) == RUN)
+    assert session.imus()[2].offsets is OffsetsState.NOT_CHECKED
+    virtual._firmware._visit = visit
+    recorder.wait(lambda: session.imus()[2].offsets is OffsetsState.AS_SAVED)
+    assert session.counters().reconnects == 0
+    assert recorder.messages(Level.ERROR) == []
+
+
+def test_the_wrap_of_the_uptime_is_no_reset(make_board, make_session, recorder):
+    """After 49.7 days the board's milliseconds begin again at 0; so they do three seconds into this test."""
+    virtual = make_board()
+    wrap_us = 1000 << 32
+    virtual._do(lambda: virtual._start(3_000_000 - wrap_us))
+    session = make_session(saved={})
+    recorder.wait_for_sweeps(10)
+    assert session.hello.uptime_ms > 1 << 31
+    virtual.mute()
+    recorder.wait(lambda: not session.connected)
+    recorder.wait(lambda: virtual._now_us() - virtual._born_us > wrap_us)
+    virtual.unmute()
+    recorder.wait(lambda: session.connected)
+    recorder.wait_for_sweeps(10)
+    assert session.hello.uptime_ms < 100_000
+    counters = session.counters()
+    assert counters.board_resets == 0
+    assert counters.stalls + counters.reconnects >= 1
 
 
 def test_a_board_of_another_version_ends_it(make_board, make_session, recorder):

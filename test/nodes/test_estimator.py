@@ -123,6 +123,49 @@ def test_an_imu_that_falls_silent_is_interpolated_and_shown(graph, configured):
     graph.until(lambda: DiagnosticStatus.WARN in level('imu_5'), 'a warning about IMU 5')
 
 
+def test_rates_are_of_the_last_second(graph, node):
+    """What was heard before is not counted again: soon after the last sample the rates are zero."""
+    diagnosis = graph.diagnosis()
+    sensors = Sensors(graph, (2, 5))
+
+    def rates():
+        parts = [diagnosis.latest(f'estimator: {part}') for part in ('imu_2', 'imu_5')]
+        return all(parts) and [float(values['rate_hz']) for _, _, values in parts]
+
+    for k in range(300):
+        sensors.say(2, T0 + 10 * k * MS, [0.0, 0.0, 0.0, 1.0])
+        sensors.say(5, T0 + 10 * k * MS + MS, [0.0, 0.0, 0.0, 1.0])
+        graph.until(lambda n=k + 1: min(node.received[2], node.received[5]) == n, 'both samples')
+    graph.until(lambda: (r := rates()) and max(r) > 0.0, 'a rate')
+    told = len(diagnosis.of('estimator: sweeps'))
+    graph.until(lambda: len(diagnosis.of('estimator: sweeps')) >= told + 2, 'two reports more')
+    assert rates() == [0.0, 0.0]
+    level, text, counts = diagnosis.latest('estimator: sweeps')
+    assert (level, text) == (DiagnosticStatus.ERROR, 'no IMU is alive')
+    assert counts['sweeps'] == str(node.n_sweeps)
+
+
+def test_twists_near_the_singularity_are_warned_of_while_they_last(graph, configured):
+    graph.add(EstimatorNode(parameter_overrides=configured({**VALUES, 'models': ['rigid']})))
+    diagnosis = graph.diagnosis()
+    graph.matched('/diagnostics')
+    sensors = Sensors(graph, (2, 5))
+    twisted = multiply(from_rotation_vector([0.0, 0.0, np.deg2rad(85.0)]), [0.6, 0.0, 0.0, 0.8])
+    sensors.say(2, T0, [0.6, 0.0, 0.0, 0.8])
+    sensors.say(5, T0 + MS, twisted)
+    warned = graph.until(lambda: diagnosis.of('estimator: rigid'), 'a warning')
+    assert warned == [
+        (
+            DiagnosticStatus.WARN,
+            '1 sweeps with a joint beyond 80° about z: joint angles are near their singularity',
+            {'near_singular': '1'},
+        )
+    ]
+    told = len(diagnosis.of('estimator: sweeps'))
+    graph.until(lambda: len(diagnosis.of('estimator: sweeps')) >= told + 2, 'two reports more')
+    assert diagnosis.of('estimator: rigid') == warned
+
+
 def test_two_publishers_on_one_topic_are_an_error(graph, node):
     diagnostics = graph.listen(DiagnosticArray, '/diagnostics', 10)
     sensors = [Sensors(graph, (2,)), Sensors(graph, (2,))]

@@ -1,5 +1,6 @@
 """The serial bridge on a real graph, with a virtual board behind a real pseudo-terminal."""
 
+import itertools
 import time
 
 import numpy as np
@@ -393,6 +394,35 @@ def test_damage_on_the_line_is_counted(graph, bridge_on, still_board):
 
     graph.until(counted, 'counts of damage')
     assert any(level == WARN and 'damaged' in text for level, text, _ in diagnosis.of('serial_bridge: link'))
+
+
+def test_what_the_link_reports_is_of_the_last_second(graph, bridge_on, still_board):
+    """Sweeps, losses and damage of a report are what its counts have grown by since the report before."""
+    diagnosis = graph.diagnosis()
+    bridge_on(still_board.path)
+    streaming = Streaming(graph, 3)
+    streaming.again()
+    still_board.corrupt_frames(3)
+    streaming.again()
+
+    def reports():
+        return [r for r in diagnosis.of('serial_bridge: link') if r[0] in (OK, WARN)]
+
+    graph.until(lambda: any(level == WARN for level, _, _ in reports()), 'a warning about damage')
+    warned = len(reports())
+    graph.until(lambda: len(reports()) >= warned + 3, 'three reports more')
+    for (_, _, before), (level, text, now) in itertools.pairwise(reports()):
+        grown = {
+            key: int(now[key]) - int(before[key]) for key in now if now[key].isdecimal() and key in before
+        }
+        damaged = sum(n for key, n in grown.items() if key.startswith('frame_errors_'))
+        expected = f'{grown["sweeps"]} sweeps in the last second'
+        if grown['lost_sweeps'] or damaged:
+            assert level == WARN
+            assert text == f'{expected}, {grown["lost_sweeps"]} lost, {damaged} frames damaged'
+        else:
+            assert (level, text) == (OK, expected)
+    assert int(reports()[-1][2]['sweeps']) > 300
 
 
 # What makes a start impossible

@@ -119,7 +119,7 @@ class Firmware:
             answering = sum(
                 1 << i - 1 for i, chip in self._chips.items() if chip.answers(self._born_us + now_us)
             )
-            self._reply(request, Result.OK, Hello(*FIRMWARE, answering, now_us // 1000).pack())
+            self._reply(request, Result.OK, Hello(*FIRMWARE, answering, now_us // 1000 % (1 << 32)).pack())
         elif request.version != self._version:
             self._reply(request, Result.BAD_ARGUMENT)
         elif request.command is Command.CONFIGURE:
