@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from moving_arm import measure, moving_arm, rms_degrees
+from moving_arm import RATE, measure, moving_arm, rms_degrees
 
 from sesa2.alignment.heading_filter import DRIFT_STD, HeadingFilter
 from sesa2.shape.rotations import IDENTITY, from_rotation_vector, multiply
@@ -91,3 +91,36 @@ def test_a_damaged_sample_does_not_throw_it_off(rng):
     hit = HeadingFilter(motion.layout)
     hit.correct(motion.stamps[:1201], q[:1201], measured[:1201], motion.base)
     assert np.rad2deg(np.abs(hit.headings - clean.headings).max()) < 0.5
+
+
+def test_one_sweep_a_second_is_looked_at(rng):
+    """Twenty sweeps a second tell no more than the first of each second: neighbours in time share their errors."""
+    motion, q, measured, _ = drifting(rng)
+    all_of_them, one_a_second = HeadingFilter(motion.layout), HeadingFilter(motion.layout)
+    all_of_them.correct(motion.stamps, q, measured, motion.base)
+    first = slice(None, None, round(RATE))
+    one_a_second.correct(motion.stamps[first], q[first], measured[first], motion.base)
+    np.testing.assert_array_equal(all_of_them.headings, one_a_second.headings)
+    np.testing.assert_array_equal(all_of_them.covariance, one_a_second.covariance)
+    seen = HeadingFilter(motion.layout)
+    for k in range(3):
+        headings = seen.update(motion.stamps[k], q[k], measured[k], motion.base)
+    np.testing.assert_array_equal(
+        headings, HeadingFilter(motion.layout).update(0.0, q[0], measured[0], motion.base)
+    )
+
+
+@pytest.mark.parametrize('silence', [5.0, 60.0, 600.0])
+def test_what_was_known_is_forgotten_within_a_minute(rng, silence):
+    """An Ornstein–Uhlenbeck process of a time of 60 s, from the last look on, in closed form."""
+    motion, q, measured, _ = drifting(rng)
+    heading_filter = HeadingFilter(motion.layout)
+    heading_filter.correct(motion.stamps, q, measured, motion.base)
+    had, known = heading_filter.headings.copy(), heading_filter.covariance.copy()
+    assert np.abs(had).max() > np.deg2rad(0.5)
+    last = np.floor(motion.stamps[-1])  # the last sweep that was looked at
+    headings = heading_filter.update(last + silence, q[-1], measured[-1] & False, motion.base)
+    kept = np.exp(-silence / 60.0)
+    np.testing.assert_allclose(headings, kept * had, rtol=1e-9)
+    fresh = (1.0 - kept**2) * np.deg2rad(2.0) ** 2 * np.eye(8)
+    np.testing.assert_allclose(heading_filter.covariance, kept**2 * known + fresh, rtol=1e-9)
