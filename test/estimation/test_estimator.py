@@ -149,6 +149,18 @@ def test_a_base_that_moves_is_taken_at_the_stamp_of_an_interpolated_sweep():
         same_turns(got[k], [base(first)], atol=1e-9)
 
 
+def test_the_assembler_is_that_of_the_configuration():
+    """IMU 3 is not used; IMU 5 falls silent, and the sweep is closed when 0.2 s have passed, not before."""
+    assembler = Estimator(configured(imus={'enabled': [True, False, True]}, sweep_timeout=0.2)).assembler()
+    sweeps = []
+    for k in range(3):
+        for index in range(3):
+            sweeps += assembler.add(index, T0 + 10_000_000 * k + index, 0.0, 0.0, 0.0, 1.0)
+    assert [sweep.measured.tolist() for sweep in sweeps] == 3 * [[True, False, True]]
+    closed = [k for k in range(3, 30) if assembler.add(0, T0 + 10_000_000 * k, 0.0, 0.0, 0.0, 1.0)]
+    assert closed[0] == 24  # 30 ms is the first of the sweep that waits
+
+
 def test_the_mounting_on_the_base_need_not_be_of_unit_norm():
     """Two decimals in a file leave norms off by nearly 1 %; the arm is not to grow by that."""
     long = 1.009 * ON_BASE.as_quat()
@@ -209,10 +221,10 @@ def twisted(x, z):
 
 def test_twists_near_the_singularity_are_counted_by_sweeps():
     angles = np.deg2rad([10.0, 79.9, 80.1, -85.0])
-    estimate = Estimator(configured()).estimate(
-        [measured(twisted(0.0, angle), k) for k, angle in enumerate(angles)]
-    )
-    assert estimate.models['rigid'].near_singular == 2
+    sweeps = [measured(twisted(0.0, angle), k) for k, angle in enumerate(angles)]
+    turn = Rotation.from_rotvec([0.0, 0.0, np.deg2rad(85.0)])
+    sweeps.append(measured([BASE * turn, BASE * turn**2, BASE * turn**3], 4))  # three joints of one sweep
+    assert Estimator(configured()).estimate(sweeps).models['rigid'].near_singular == 3
 
 
 def test_a_singular_joint_goes_on_from_the_sweep_before():

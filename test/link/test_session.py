@@ -1,12 +1,13 @@
 import threading
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from sesa2.link.link_errors import CommandError, LinkError, ProtocolVersionError
 from sesa2.link.packets import State
-from sesa2.link.requests import Command, FusionMode, Result
+from sesa2.link.requests import Command, FusionMode, Hello, Result
 from sesa2.link.serial_port import SerialPort
 from sesa2.link.session import LinkSettings, Session
 from sesa2.link.status import Level, OffsetsState
@@ -302,6 +303,37 @@ def test_offsets_that_cannot_be_read_end_nothing(make_board, make_session, recor
     recorder.wait(lambda: session.imus()[2].offsets is OffsetsState.AS_SAVED)
     assert session.counters().reconnects == 0
     assert recorder.messages(Level.ERROR) == []
+
+
+WRAP_MS = 1 << 32
+
+
+@pytest.mark.parametrize(
+    ('first_ms', 'passed_s', 'second_ms', 'reset'),
+    [
+        (1_000_000, 10.0, 1_010_000, False),
+        (1_000_000, 10.0, 1_010_090, False),  # a board that is 0.9 % fast
+        (1_000_000, 10.0, 1_009_910, False),  # and one that is 0.9 % slow
+        (1_000_000, 10.0, 9_200, True),
+        (2_000, 100.0, 50_000, True),  # older than its predecessor was, and younger than that would be
+        (WRAP_MS - 5_000, 10.0, 5_000, False),
+        (WRAP_MS - 5_000, 10.0, 5_090, False),
+        (WRAP_MS - 5_000, 10.0, 4_910, False),
+        (WRAP_MS - 9_950, 10.0, WRAP_MS - 40, False),
+        (WRAP_MS - 5_000, 10.0, 2_000, True),
+    ],
+)
+def test_a_reset_shows_by_an_uptime_that_is_short(
+    recorder, monkeypatch, first_ms, passed_s, second_ms, reset
+):
+    """Said by no board: none can be waited for that has run for 49.7 days."""
+    session = Session(LinkSettings('nowhere', IDS), recorder, {})
+    now_s = 500.0
+    monkeypatch.setattr('sesa2.link.session.time', SimpleNamespace(monotonic=lambda: now_s))
+    assert not session._greet(SimpleNamespace(hello=lambda: Hello(1, 0, 15, first_ms)))
+    now_s += passed_s
+    assert session._greet(SimpleNamespace(hello=lambda: Hello(1, 0, 15, second_ms))) == reset
+    assert session.counters().board_resets == reset
 
 
 def test_the_wrap_of_the_uptime_is_no_reset(make_board, make_session, recorder):

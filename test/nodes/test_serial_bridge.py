@@ -142,6 +142,9 @@ def test_calibration_is_latched_and_repeated(graph, bridge_on, still_board):
     graph.until(lambda: first and first[-1].sys == 3, 'full scores')
     changes = [(m.sys, m.gyro, m.accel, m.mag) for m in first]
     assert len(set(changes)) > 3, 'on change: scores rise one by one'
+    # Of the virtual chips the gyroscope is the first to be calibrated, then the magnetometer, then the accelerometer.
+    assert all(gyro >= mag >= accel == sys for sys, gyro, accel, mag in changes)
+    assert any(mag > accel for _, _, accel, mag in changes)
     n = len(first)
     graph.until(lambda: len(first) >= n + 2, 'repetitions once a second')
     assert first[-1].id == 3

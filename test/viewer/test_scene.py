@@ -67,6 +67,7 @@ def known(frame, base_imu):
 
 
 def matrices(wxyz):
+    np.testing.assert_allclose(np.linalg.norm(wxyz, axis=-1), 1.0, atol=1e-6)
     return Rotation.from_quat(np.asarray(wxyz, dtype=float)[..., [1, 2, 3, 0]]).as_matrix()
 
 
