@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from sesa2.configuration.files import find, load
 from sesa2.sensing.imu.error_model import Bno055Errors, orientations_at
@@ -68,6 +69,26 @@ def test_the_samples_are_the_truth_with_the_injected_errors(configuration, trial
         links = Mounting(mountings, trial.headings[i]).link_orientations(trial.measured[i])
         assert angle(links, true[i]).max() < np.deg2rad(5.0)  # tilt and noise are left
     assert np.median(angle(trial.measured, true)) > np.deg2rad(1.0)
+
+
+@needs_elastica
+def test_an_imu_on_the_base_is_read_last_in_its_own_mounting(configuration):
+    on_base = Rotation.from_rotvec([0.3, -1.7, 0.9])
+    imus = replace(
+        configuration.imus,
+        ids=configuration.imus.ids[:-1],
+        positions=configuration.imus.positions[:-1],
+        enabled=configuration.imus.enabled[:-1],
+        base_id=8,
+        base_mount_orientation=tuple(1.008 * on_base.as_quat()),
+    )
+    tilted = Rotation.from_rotvec([0.5, 0.2, -0.4])
+    arm = replace(configuration.arm, base_orientation=tuple(tilted.as_quat()))
+    trial = simulate(replace(configuration, arm=arm, imus=imus), 1.0, seed=1, errors=Bno055Errors().only())
+    assert trial.sensor_ids.tolist() == [1, 2, 3, 4, 5, 6, 7, 8]
+    turns = (tilted * on_base).inv() * Rotation.from_quat(trial.measured[:, -1])
+    np.testing.assert_allclose(turns.magnitude(), 0.0, atol=1e-7)
+    np.testing.assert_allclose(np.linalg.norm(trial.measured, axis=-1), 1.0, atol=1e-12)
 
 
 @needs_elastica
