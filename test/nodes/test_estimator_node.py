@@ -280,6 +280,13 @@ def test_align_takes_the_base_as_it_is_measured(graph, configured):
     np.testing.assert_allclose(xyz(tips[-1].pose.position), [0.0, 0.0, 0.3], atol=1e-6)
     assert node.latest is not None
     np.testing.assert_allclose(np.abs((node.latest.base * base).sum(-1)), 1.0, atol=1e-12)
+    # Held in the air the clamp moves, though the links do not: no pose to learn from.
+    for k in range(40):
+        said[1] = multiply(from_rotation_vector([0.005, 0.0, 0.0]), said[1])
+        sweep(1000 + k, 41 + k)
+    answer = graph.call(Trigger, 'estimator/align', Trigger.Request())
+    assert not answer.success
+    assert 'the arm moved: the base by' in answer.message
 
 
 def test_align_headings_takes_a_turn_about_the_straight_arm_as_heading(graph, node):
