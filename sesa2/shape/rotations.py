@@ -15,6 +15,7 @@ IDENTITY.setflags(write=False)
 
 # Below this angle (rad) a Taylor series replaces a quotient that loses digits; its next term is then below 1e-17.
 SMALL_ANGLE = 1e-3
+_BELOW_ONE = np.nextafter(1.0, 0.0)
 
 
 def normalize(q: ArrayLike) -> FloatArray:
@@ -108,10 +109,10 @@ def tangent(q: ArrayLike) -> FloatArray:
     """
     # With u = x + iy and v = z + iw it is 2 u v* and 1 − 2 |u|².
     pair = np.ascontiguousarray(q, dtype=float).view(complex)
-    u = pair[..., 0]
+    u, conjugates = pair[..., 0], pair.conj()
     out = np.empty((*u.shape, 3))
-    out[..., :2].view(complex)[..., 0] = u * pair[..., 1].conj()
-    np.subtract(0.5, (u * u.conj()).real, out=out[..., 2])
+    np.multiply(u, conjugates[..., 1], out=out[..., :2].view(complex)[..., 0])
+    np.subtract(0.5, (u * conjugates[..., 0]).real, out=out[..., 2])
     out += out
     return out
 
@@ -209,51 +210,69 @@ def slerp(a: ArrayLike, b: ArrayLike, t: ArrayLike) -> FloatArray:
     (..., 4), unit quaternions. Where a and b are exactly π apart, one of the two ways.
     """
     a, b, t = np.asarray(a, dtype=float), np.asarray(b, dtype=float), np.asarray(t, dtype=float)
-    b = np.where(np.einsum('...i,...i->...', a, b)[..., None] < 0.0, -b, b)
-    angle, sine, small = _between(a, b)
-    weight_a = np.where(small, 1.0 - t, np.sin((1.0 - t) * angle) / sine)
-    weight_b = np.where(small, t, np.sin(t * angle) / sine)
+    angle, sine, signed = _between(a, b)
+    weight_a, weight_b = np.sin((1.0 - t) * angle) / sine, np.sin(t * angle) / signed
     return weight_a[..., None] * a + weight_b[..., None] * b
 
 
-def slerp_along(stations: FloatArray, section: np.ndarray, fraction: FloatArray) -> FloatArray:
+class SlerpPlaces:
+    """Places between stations, ready for `slerp_along`.
+
+    Slerp takes two sines a place; links at equal distances share them, as what lies before one lies behind another.
+
+    Parameters
+    ----------
+    section : (m,)
+        between 0 and n − 1, the station before each place.
+    fraction : (m,)
+        0 at that station, 1 at the next.
+    """
+
+    def __init__(self, section: np.ndarray, fraction: FloatArray):
+        self.section = section
+        of_sine = np.concatenate([1.0 - fraction, fraction])
+        keys = np.tile(section, 2) + 1j * np.round(of_sine, 15)
+        different, first, which = np.unique(keys, return_index=True, return_inverse=True)
+        self.sine_section = different.real.astype(int)
+        self.sine_fraction = of_sine[first]
+        self.of_a, self.of_b = which.reshape(2, -1)
+
+
+def slerp_along(stations: FloatArray, places: SlerpPlaces) -> FloatArray:
     """Spherical linear interpolation from station to station at many places; what a section has is computed once.
 
     Parameters
     ----------
     stations : (..., n + 1, 4)
         unit quaternions, x y z w.
-    section : (m,)
-        between 0 and n − 1, the station before each place.
-    fraction : (m,)
-        0 at that station, 1 at the next.
+    places
+        m of them.
 
     Returns
     -------
     (..., m, 4), as `slerp` gives it.
     """
     a, b = stations[..., :-1, :], stations[..., 1:, :]
-    b = np.where(np.einsum('...i,...i->...', a, b)[..., None] < 0.0, -b, b)
-    angle, sine, small = _between(a, b)
-    here = angle.take(section, axis=-1)
-    weight_b = np.sin(fraction * here)
-    weight_a = np.sin((1.0 - fraction) * here)
-    if small.any():
-        close = small.take(section, axis=-1)
-        weight_b, weight_a = np.where(close, fraction, weight_b), np.where(close, 1.0 - fraction, weight_a)
-    a, b = a / sine[..., None], b / sine[..., None]
-    return weight_a[..., None] * a.take(section, axis=-2) + weight_b[..., None] * b.take(section, axis=-2)
+    angle, sine, signed = _between(a, b)
+    a = (a / sine[..., None]).take(places.section, axis=-2)
+    b = (b / signed[..., None]).take(places.section, axis=-2)
+    sines = np.sin(places.sine_fraction * angle.take(places.sine_section, axis=-1))
+    a *= sines.take(places.of_a, axis=-1)[..., None]
+    b *= sines.take(places.of_b, axis=-1)[..., None]
+    a += b
+    return a
 
 
-def _between(a: FloatArray, b: FloatArray) -> tuple[FloatArray, FloatArray, np.ndarray]:
-    """Angle on the sphere between quaternions of one sign, in [0, π/2] and precise at both ends; its sine.
+def _between(a: FloatArray, b: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Angle on the sphere from a to the nearer of b and −b, its sine, and that with the sign of the one that it is.
 
-    Where the angle is small, sin(t · angle) / sin(angle) is t to the last digit, and the sine is given as 1.
+    The angle is at least 1e-8: sin(t · angle) / sin(angle) is t to the last digit there, as it is in the limit, and
+    elsewhere this quotient hardly feels that the cosine does not tell small angles to the last digit.
     """
-    chord = b - a
-    angle = 2.0 * np.arcsin(0.5 * np.sqrt(np.einsum('...i,...i->...', chord, chord)))
-    small = angle < 1e-7
-    return angle, np.where(small, 1.0, np.sin(angle)), small
+    cosine = np.einsum('...i,...i->...', a, b)
+    angle = np.arccos(np.minimum(np.abs(cosine), _BELOW_ONE))
+    sine = np.sin(angle)
+    return angle, sine, np.copysign(sine, cosine)
 
 
 def swing(a: ArrayLike, b: ArrayLike) -> FloatArray:

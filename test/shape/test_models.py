@@ -5,6 +5,7 @@ import pytest
 from scipy.integrate import quad_vec
 from scipy.spatial.transform import Rotation, Slerp
 
+from sesa2.shape import chain
 from sesa2.shape.arm import Arm, GeometryError
 from sesa2.shape.layout import Layout
 from sesa2.shape.measured import Measured
@@ -61,6 +62,23 @@ def test_pcc_is_the_papers_chain(rng, n):
     np.testing.assert_allclose(
         model.fit(Measured(q, base)).positions(S), scipy_pcc(LAYOUT, q, base, n, S), atol=1e-13
     )
+
+
+@pytest.mark.parametrize('angle', [0.0, 1e-12, 1e-8, 1e-7, 1e-4, 3.0, np.pi - 1e-6])
+def test_pcc_is_the_papers_chain_where_sections_hardly_bend_or_bend_back(rng, angle):
+    axes = rng.normal(size=(8, 3))
+    turns = Rotation.from_rotvec(angle * axes / np.linalg.norm(axes, axis=1)[:, None])
+    base = last = Rotation.random(random_state=1)
+    q = np.empty((8, 4))
+    for i in range(8):
+        last = turns[i] * last
+        q[i] = last.as_quat() * rng.choice([-1.0, 1.0])
+    model = create_model('pcc', LAYOUT, segments=[8] * 8)
+    expected = scipy_pcc(LAYOUT, q, base.as_quat(), 8, S)
+    np.testing.assert_allclose(model.fit(Measured(q, base.as_quat())).positions(S), expected, atol=1e-9)
+    # scipy's own logarithm costs it digits near π
+    if angle < 3.1:
+        np.testing.assert_allclose(model.fit(Measured(q, base.as_quat())).positions(S), expected, atol=1e-13)
 
 
 def test_rigid_is_the_papers_chain(rng):
@@ -137,8 +155,8 @@ def test_links_of_a_curve_tend_to_it_as_the_square_of_their_number(rng):
         model = create_model('pcc_exact', LAYOUT, links=links)
         backbone = model.fit(Measured(q, base))
         tangents = Rotation.from_quat(backbone.orientations(model.link_middles)).apply([0, 0, 1])
-        chain = np.vstack([np.zeros(3), np.cumsum(np.diff(model.link_ends)[:, None] * tangents, axis=0)])
-        errors.append(np.abs(chain - backbone.positions(model.link_ends)).max())
+        ends = np.vstack([np.zeros(3), np.cumsum(np.diff(model.link_ends)[:, None] * tangents, axis=0)])
+        errors.append(np.abs(ends - backbone.positions(model.link_ends)).max())
     np.testing.assert_allclose(np.divide(errors[:-1], errors[1:]), 4.0, rtol=0.05)
 
 
@@ -162,6 +180,23 @@ def test_a_batch_is_its_members(rng, name):
     np.testing.assert_allclose(together.orientations(S)[1, 2], alone.orientations(S), atol=1e-15)
     middles = model.link_middles
     np.testing.assert_allclose(together.orientations(middles)[1, 2], alone.orientations(middles), atol=1e-15)
+
+
+@pytest.mark.parametrize(
+    ('name', 'given'), [('rigid', {}), ('pcc', {'segments': [8] * 8}), ('pcc', {'segments': [600] * 8})]
+)
+def test_a_batch_of_several_blocks_is_its_members(rng, name, given):
+    model = create_model(name, LAYOUT, **given)
+    size = max(1, chain._BLOCK // model.n_links)
+    q, base = bent_arm(rng, LAYOUT, batch=(3, size))
+    q, base = q[:, : size - size // 3], base[:, : size - size // 3]  # the last block is not full
+    together = model.fit(Measured(q, base))
+    positions, orientations = together.positions(S), together.orientations(S)
+    for i in {0, size // 2, len(base[0]) - 1}:
+        for k in range(3):
+            alone = model.fit(Measured(q[k, i], base[k, i]))
+            np.testing.assert_allclose(positions[k, i], alone.positions(S), atol=1e-15)
+            np.testing.assert_allclose(orientations[k, i], alone.orientations(S), atol=1e-15)
 
 
 @pytest.mark.parametrize('name', list(MODELS))

@@ -65,6 +65,44 @@ def test_slerp_agrees_with_scipy_whatever_the_signs(rng, angle):
     np.testing.assert_allclose(np.linalg.norm(got, axis=1), 1.0, atol=1e-12)
 
 
+@pytest.mark.parametrize('angle', [*ANGLES, np.pi])
+@pytest.mark.parametrize('batch', [(), (3,)])
+def test_slerp_along_is_slerp_from_station_to_station(rng, angle, batch):
+    stations = np.empty((*batch, 6, 4))
+    stations[..., 0, :] = random_quaternions(rng, *batch)
+    for i in range(5):
+        axis = rng.normal(size=(*batch, 3))
+        axis *= angle / np.linalg.norm(axis, axis=-1)[..., None]
+        turned = rotations.multiply(rotations.from_rotation_vector(axis), stations[..., i, :])
+        stations[..., i + 1, :] = rng.choice([-1.0, 1.0], size=(*batch, 1)) * turned
+    section = np.array([0, 0, 0, 0, 1, 2, 2, 4, 4, 4, 4])
+    fraction = np.array([0.0, 0.1, 0.3, 0.9, 0.5, 1 / 3, 2 / 3, 0.125, 0.1, 0.875, 1.0])
+    got = rotations.slerp_along(stations, rotations.SlerpPlaces(section, fraction))
+    expected = rotations.slerp(stations[..., section, :], stations[..., section + 1, :], fraction)
+    np.testing.assert_allclose(got, expected, atol=1e-15)
+    if angle < 3.1:  # beyond, the quaternions' last digits decide which way round
+        for at in np.ndindex(batch):
+            for i, (k, t) in enumerate(zip(section, fraction, strict=True)):
+                ends = Rotation.from_quat(stations[at][k : k + 2])
+                assert same_rotation(got[at][i], Slerp([0.0, 1.0], ends)(t).as_quat()) < 1e-11
+
+
+@pytest.mark.parametrize('n', [1, 2, 7, 8, 100])
+def test_the_middles_of_equal_links_need_one_sine_each(n):
+    places = rotations.SlerpPlaces(
+        np.repeat([0, 1, 2], n), np.tile((2.0 * np.arange(n) + 1.0) / (2.0 * n), 3)
+    )
+    assert len(places.sine_fraction) == 3 * n
+    np.testing.assert_allclose(
+        places.sine_fraction[places.of_b], np.tile((np.arange(n) + 0.5) / n, 3), atol=1e-15
+    )
+    np.testing.assert_allclose(
+        places.sine_fraction[places.of_a] + places.sine_fraction[places.of_b], 1.0, atol=2e-15
+    )
+    assert (places.sine_section[places.of_a] == places.section).all()
+    assert (places.sine_section[places.of_b] == places.section).all()
+
+
 def test_swing_takes_a_onto_b_by_the_least_angle(rng):
     a, b = rng.normal(size=(2, 200, 3))
     a /= np.linalg.norm(a, axis=1)[:, None]

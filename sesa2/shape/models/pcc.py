@@ -8,7 +8,7 @@ from sesa2.shape.arm import GeometryError
 from sesa2.shape.chain import ChainModel
 from sesa2.shape.layout import Layout
 from sesa2.shape.options import REQUIRED, ModelOptions, parameter
-from sesa2.shape.rotations import FloatArray, slerp_along
+from sesa2.shape.rotations import FloatArray, SlerpPlaces, slerp_along
 
 _LINKS_OF_A_SECTION = 2
 
@@ -56,11 +56,13 @@ class Pcc(ChainModel):
         ends = [0.0]
         for i, n in enumerate(segments):
             ends.extend(stations[i] + (stations[i + 1] - stations[i]) * np.arange(1, n + 1) / n)
-        self._goes_on = length > stations[-1]
-        self._set_link_ends([*ends, length] if self._goes_on else ends)
-        self._section = np.repeat(np.arange(sections), segments)
-        self._fraction = np.concatenate([(2.0 * np.arange(n) + 1.0) / (2.0 * n) for n in segments])
+        section = np.repeat(np.arange(sections), segments)
+        fraction = np.concatenate([(2.0 * np.arange(n) + 1.0) / (2.0 * n) for n in segments])
+        if length > stations[-1]:
+            ends.append(length)
+            section, fraction = np.append(section, sections - 1), np.append(fraction, 1.0)
+        self._middles = SlerpPlaces(section, fraction)
+        self._set_link_ends(ends)
 
     def _orient_links(self, stations: FloatArray) -> FloatArray:
-        links = slerp_along(stations, self._section, self._fraction)
-        return np.concatenate([links, stations[..., -1:, :]], axis=-2) if self._goes_on else links
+        return slerp_along(stations, self._middles)

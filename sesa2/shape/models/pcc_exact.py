@@ -11,6 +11,7 @@ from sesa2.shape.options import LinkOptions
 from sesa2.shape.rotations import (
     SMALL_ANGLE,
     FloatArray,
+    SlerpPlaces,
     conjugate,
     cross,
     multiply,
@@ -64,7 +65,8 @@ class Arcs(Backbone):
 
     def positions(self, s: ArrayLike) -> FloatArray:
         """See Backbone."""
-        section, fraction, on_arc, past = self._model.at(s)
+        places, fraction, on_arc, past = self._model.at(s)
+        section = places.section
         partial = arc(
             fraction[:, None] * self._rotations[..., section, :], self._tangents.take(section, axis=-2)
         )
@@ -73,11 +75,11 @@ class Arcs(Backbone):
 
     def orientations(self, s: ArrayLike) -> FloatArray:
         """See Backbone. Slerp from station to station."""
-        section, fraction, _, _ = self._model.at(s)
-        return slerp_along(self._stations, section, fraction)
+        places, *_ = self._model.at(s)
+        return slerp_along(self._stations, places)
 
 
-class PccExact(CurveModel[tuple[np.ndarray, FloatArray, FloatArray, FloatArray]]):
+class PccExact(CurveModel[tuple[SlerpPlaces, FloatArray, FloatArray, FloatArray]]):
     """Constant curvature (and twist) from station to station."""
 
     name = 'pcc_exact'
@@ -89,9 +91,9 @@ class PccExact(CurveModel[tuple[np.ndarray, FloatArray, FloatArray, FloatArray]]
     def _fit(self, measured: Measured) -> Arcs:
         return Arcs(self, measured.stations)
 
-    def _precompute(self, s: FloatArray) -> tuple[np.ndarray, FloatArray, FloatArray, FloatArray]:
-        """Section, fraction of it (at most 1), length on the arc and length past the last IMU; each (n,)."""
+    def _precompute(self, s: FloatArray) -> tuple[SlerpPlaces, FloatArray, FloatArray, FloatArray]:
+        """Places, fraction of the section (at most 1), length on the arc and length past the last IMU; each (n,)."""
         section, fraction = self._sections(s)
         fraction = np.minimum(fraction, 1.0)
         past = np.maximum(s - self.layout.imu_positions[-1], 0.0)
-        return section, fraction, fraction * self.section_lengths[section], past
+        return SlerpPlaces(section, fraction), fraction, fraction * self.section_lengths[section], past
