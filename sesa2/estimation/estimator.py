@@ -59,13 +59,16 @@ class Estimate(NamedTuple):
 
 
 class _Configured:
-    """A model and the arc lengths at which it is asked."""
+    """A model, what it is asked for and where its links stand among those of all models."""
 
-    def __init__(self, model: Model[Any], markers: Sequence[float]):
+    def __init__(self, model: Model[Any], markers: Sequence[float], first_link: int):
         self.model = model
-        # Where a link ends it is oriented as that link is; only the tip and the markers are asked for exactly.
+        n = model.n_links
+        self.links = slice(first_link, first_link + n)
         self.positions_at = np.concatenate([model.link_ends, markers])
         self.orientations_at = np.concatenate([model.link_middles, model.link_ends[-1:], markers])
+        # Where a link ends it is oriented as that link is; only the tip and the markers are asked for exactly.
+        self.at_positions = np.array([0, *range(n - 1), *range(n, len(self.orientations_at))])
         self.angles: FloatArray | None = None  # of the last sweep, to go on from at a singularity
 
 
@@ -86,13 +89,12 @@ class Estimator:
         self._base_mounting = Mounting(configuration.base_mounting[None], np.zeros(1))
         self._heading_filter = HeadingFilter(self.layout) if configuration.imus.heading_filter else None
         self._in_world = configuration.arm.output_frame == 'world'
-        self._models = {
-            name: _Configured(
-                configuration.create_model(name),
-                configuration.markers.positions,
-            )
-            for name in configuration.models
-        }
+        self._models: dict[str, _Configured] = {}
+        n_links = 0
+        for name in configuration.models:
+            model = configuration.create_model(name)
+            self._models[name] = _Configured(model, configuration.markers.positions, n_links)
+            n_links += model.n_links
         self._base_is_world = not configuration.imus.base_id and bool(
             np.array_equal(np.abs(self._base), IDENTITY)
         )
@@ -128,48 +130,70 @@ class Estimator:
         if self._heading_filter:
             orientations = self._heading_filter.correct(stamps / NS, orientations, measured, base)
         orientations = fill_missing(orientations, measured, self.layout, base)
-        results = {
-            name: self._fit(configured, orientations, base) for name, configured in self._models.items()
-        }
-        return Estimate(stamps, base, results)
+        return Estimate(stamps, base, self._fit(orientations, base))
 
     def bases(self, sweeps: Sequence[Sweep]) -> FloatArray:
         """Orientation of the base at each sweep, q_WB, (n, 4)."""
         measured = [sweep.base for sweep in sweeps if sweep.base is not None]
-        if not measured:
-            return np.repeat(self._base[None], len(sweeps), axis=0)
-        return self._base_mounting.link_orientations(np.stack(measured)[:, None])[:, 0]
+        if measured:
+            return self._base_mounting.link_orientations(np.stack(measured)[:, None])[:, 0]
+        bases = np.empty((len(sweeps), 4))
+        bases[:] = self._base
+        return bases
 
-    def _fit(self, configured: _Configured, orientations: FloatArray, base: FloatArray) -> ModelResult:
-        backbone = configured.model.fit(Measured(orientations, base))
-        positions = backbone.positions(configured.positions_at)
-        asked = backbone.orientations(configured.orientations_at)
-        n_links = configured.model.n_links
-        links = asked[:, :n_links]
-        there = np.concatenate([links[:, :1], links[:, :-1], asked[:, n_links:]], axis=1)
+    def _fit(self, orientations: FloatArray, base: FloatArray) -> dict[str, ModelResult]:
+        measured = Measured(orientations, base)
+        models = self._models.values()
+        asked, links = [], []
+        for configured in models:
+            backbone = configured.model.fit(measured)
+            positions = backbone.positions(configured.positions_at)
+            there = backbone.orientations(configured.orientations_at)
+            asked.append((positions, there))
+            links.append(there[:, : configured.model.n_links])
+        # All models' joints in one call: for a single sweep the number of numpy's calls is what costs.
+        joints = joint_angles(np.concatenate(links, axis=1), base, [one.links.start for one in models])
+        may_jump = bool(joints.cosine.min() < WARN_COSINE)
+        return {
+            name: self._result(configured, *ours, base, joints, may_jump)
+            for (name, configured), ours in zip(self._models.items(), asked, strict=True)
+        }
+
+    def _result(
+        self,
+        configured: _Configured,
+        positions: FloatArray,
+        orientations: FloatArray,
+        base: FloatArray,
+        joints: JointAngles,
+        may_jump: bool,
+    ) -> ModelResult:
+        there = orientations.take(configured.at_positions, axis=1)
         if not self._in_world and not self._base_is_world:
             to_base = conjugate(base)[:, None, :]
             positions, there = rotate(to_base, positions), multiply(to_base, there)
-        joints = joint_angles(links, base)
-        lowest = joints.cosine.min(axis=-1)
-        angles = self._without_jumps(configured, joints, lowest.min())
-        n = n_links + 1
+        own = JointAngles(joints.angles[:, configured.links], joints.cosine[:, configured.links])
+        near_singular = 0
+        if may_jump:
+            own = self._without_jumps(configured, own)
+            near_singular = int(np.count_nonzero(own.cosine.min(axis=-1) < WARN_COSINE))
+        configured.angles = own.angles[-1]
+        n = configured.model.n_links + 1
         return ModelResult(
-            joints=angles,
+            joints=own.angles,
             ends=positions[:, :n],
             end_orientations=there[:, :n],
             markers=positions[:, n:],
             marker_orientations=there[:, n:],
-            near_singular=int(np.count_nonzero(lowest < WARN_COSINE)),
+            near_singular=near_singular,
         )
 
     @staticmethod
-    def _without_jumps(configured: _Configured, joints: JointAngles, lowest: float) -> FloatArray:
+    def _without_jumps(configured: _Configured, joints: JointAngles) -> JointAngles:
         """Joint angles of the sweeps in turn, each going on from the one before where a joint is singular."""
         angles = joints.angles
-        if lowest < WARN_COSINE and joints.singular.any():
+        if joints.singular.any():
             last = configured.angles if configured.angles is not None else np.zeros(angles.shape[1:])
             for i in range(len(angles)):
                 angles[i] = last = hold_x(JointAngles(angles[i], joints.cosine[i]), last)
-        configured.angles = angles[-1]
-        return angles
+        return joints

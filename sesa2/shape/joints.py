@@ -1,16 +1,19 @@
 """Joint angles of a chain of links: three revolute joints between neighbours, in the order x, z, y."""
 
+from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
 
-from sesa2.shape.measured import with_base
 from sesa2.shape.rotations import FloatArray, multiply, wrap
 
 # The joints are singular at |z| = 90°; beyond 80° the user is warned.
 WARN_COSINE = np.cos(np.deg2rad(80.0))
 _SINGULAR_COSINE = 1e-9
-_XYZXYW = np.array([0, 1, 2, 0, 1, 3])
+# What `joint_angles` multiplies, as complex numbers, from x y z w: w − ix and z − iy of the link before,
+# (w − z) + i (x + y) and (w + z) + i (x − y) of the link itself.
+_BEFORE = np.array([[0, -1, 0, 0], [0, 0, 0, -1], [0, 0, 1, 0], [1, 0, 0, 0]], dtype=float)
+_AFTER = np.array([[0, 1, 0, 1], [0, 1, 0, -1], [-1, 0, 1, 0], [1, 0, 1, 0]], dtype=float)
 
 
 class JointAngles(NamedTuple):
@@ -33,47 +36,56 @@ class JointAngles(NamedTuple):
         return self.cosine < _SINGULAR_COSINE
 
 
-def joint_angles(link_orientations: FloatArray, base: FloatArray) -> JointAngles:
-    """Split each link's rotation against its predecessor into R = Rx(a) Rz(c) Ry(b).
+def joint_angles(
+    link_orientations: FloatArray, base: FloatArray, on_base: Iterable[int] = (0,)
+) -> JointAngles:
+    """Split each link's rotation against the link before it into Rx(a) Rz(c) Ry(b).
 
-    With R written out, R₀₁ = −sin c, b = atan2(R₀₂, R₀₀) and a = atan2(R₂₁, R₁₁). Where |c| is 90°, a is put to 0 and
-    b takes the whole; `hold_x` then brings back the x that was.
+    In half angles a quaternion x y z w is, after two additions,
+
+        (w − z) + i (x + y) = (cos c/2 − sin c/2) exp(i (a + b) / 2) =: p
+        (w + z) + i (x − y) = (cos c/2 + sin c/2) exp(i (a − b) / 2) =: m
+
+    so that a and b are the arguments of p m and of p m*, and |p|, |m| are to each other as cosine and sine of c/2 + 45°
+    (after Bernardes and Viollet, PLoS ONE 17 (2022) e0276302, worked out for this order). Where |c| is 90° one of the
+    two is zero: a is put to 0 and b takes the whole; `hold_x` then brings back the x that was.
 
     Parameters
     ----------
     link_orientations : batch + (n_links, 4)
         q_WL, x y z w.
     base : (4,)
-        or batch + (4,), q_WB.
+        or batch + (4,), q_WB, x y z w.
+    on_base
+        the links that the base comes before. More than one if chains of several models stand one after the other.
 
     Returns
     -------
     The angles.
     """
-    # Components first, x and y a second time behind z, so that each turn of x y z is a slice of contiguous numbers:
-    # numpy is several times faster on these than on four numbers of each link.
-    chain = np.moveaxis(with_base(link_orientations, base), -1, 0).take(_XYZXYW, axis=0)
-    before, after = chain[..., :-1], chain[..., 1:]
-    # The relative quaternion conj(before) ⊗ after, vector and scalar part.
-    w = before[5] * after[5] + (before[:3] * after[:3]).sum(axis=0)
-    v = before[5] * after[:3] - after[5] * before[:3] - before[1:4] * after[2:5] + before[2:5] * after[1:4]
-    double = v + v
-    squares, turns = double * v, double * w  # 2xx, 2yy, 2zz and 2wx, 2wy, 2wz
-    products = double[0] * v[1], double[1] * v[2], double[2] * v[0]
-    r00, r11 = 1.0 - squares[1] - squares[2], 1.0 - squares[0] - squares[2]
-    r01, r02, r21 = products[0] - turns[2], products[2] + turns[1], products[1] + turns[0]
-    cosine = np.sqrt(r00 * r00 + r02 * r02)
-    angles = np.empty((*w.shape, 3))
-    angles[..., 0] = np.arctan2(r21, r11)
-    angles[..., 1] = np.arctan2(-r01, cosine)
-    angles[..., 2] = np.arctan2(r02, r00)
+    before = np.empty(link_orientations.shape)
+    before[..., 1:, :] = link_orientations[..., :-1, :]
+    for link in on_base:
+        before[..., link, :] = base
+    # p and m of conj(before) ⊗ link, straight from both.
+    before, own = (before @ _BEFORE).view(complex), (link_orientations @ _AFTER).view(complex)
+    wx, zy, own_p, own_m = before[..., 0], before[..., 1], own[..., 0], own[..., 1]
+    p = wx * own_p + zy * own_m.conj()
+    m = wx * own_m - zy * own_p.conj()
+    size_p, size_m = np.abs(p), np.abs(m)
+    about_x, about_y = p * m, p * m.conj()
+    cosine = size_p * size_m
+    angles = np.empty((*cosine.shape, 3))
+    np.arctan2(about_x.imag, about_x.real, out=angles[..., 0])
+    np.subtract(2.0 * np.arctan2(size_m, size_p), 0.5 * np.pi, out=angles[..., 1])
+    np.arctan2(about_y.imag, about_y.real, out=angles[..., 2])
+    joints = JointAngles(angles, cosine)
     if cosine.min() < _SINGULAR_COSINE:
-        singular = cosine < _SINGULAR_COSINE
-        # With a = 0 the last row of Rz(c) Ry(b) is (−sin b, 0, cos b).
-        r20, r22 = products[2] - turns[1], 1.0 - squares[0] - squares[1]
+        singular = joints.singular
+        whole = p[singular] + m[singular].conj()  # one of the two is as good as zero
         angles[singular, 0] = 0.0
-        angles[singular, 2] = np.arctan2(-r20, r22)[singular]
-    return JointAngles(angles, cosine)
+        angles[singular, 2] = wrap(2.0 * np.angle(whole))
+    return joints
 
 
 def hold_x(joints: JointAngles, previous: FloatArray) -> FloatArray:
