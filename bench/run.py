@@ -9,6 +9,7 @@ import live
 import replay
 import shape
 import viewer
+from pcc_loop import MissingCompilerError
 
 import firmware
 
@@ -20,6 +21,7 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('--seconds', type=float, default=60.0, help='length of each live measurement')
     seconds = parser.parse_args().seconds
+    before = busy()
     show('figure', 'measured', 'peer or target', 'ratio')
     show('---', '---', '---', '---')
     for figure, ours, peer, theirs, target in shape.rows():
@@ -29,6 +31,16 @@ def main():
             f'{peer} {1e6 * theirs:.1f} µs',
             f'{theirs / ours:.1f} (target ≥ {target})',
         )
+    try:
+        ours, theirs = shape.batched_positions()
+        show(
+            'positions alone, batched, per sweep, pcc',
+            f'{1e6 * ours:.1f} µs',
+            f'loop in C {1e6 * theirs:.1f} µs',
+            f'{ours / theirs:.1f} × (target ≤ 3)',
+        )
+    except MissingCompilerError as error:
+        show('positions alone, batched, per sweep, pcc', 'not measured', str(error), '')
     data = Path(os.environ.get('SESA2_DATA', ROOT.parent / 'shared/data')) / 'twin/trial_A_bno055_seed1.npz'
     if data.exists():
         for figure, value, target in replay.rows(data):
@@ -39,6 +51,12 @@ def main():
         show(figure, value, limit, '')
     for figure, value, unit, limit in chain(live.rows(seconds), viewer.rows(seconds)):
         show(figure, f'{value:.3g} {unit}', '' if limit is None else f'≤ {limit} {unit}', '')
+    print(f'\nProcesses that ran or waited: {before} before, {busy()} after; {os.cpu_count()} processors.')
+
+
+def busy():
+    """Mean number of them over the last 1, 5 and 15 minutes."""
+    return ' / '.join(f'{load:.1f}' for load in os.getloadavg())
 
 
 def show(*cells):

@@ -1,8 +1,10 @@
-"""The estimator's own work for a sweep: against the predecessor's way and against scipy, in one run."""
+"""The estimator's own work for a sweep: against the predecessor's way, scipy and a loop in C, in one run."""
 
+import time
 import timeit
 
 import numpy as np
+from pcc_loop import pcc_loop
 from predecessor import on_sweep
 from scipy.spatial.transform import Rotation, Slerp
 
@@ -39,14 +41,17 @@ def bent_sweeps(n, rng):
 
 
 def seconds(function, number, repeat=5):
-    """Best of some, per call."""
-    return min(timeit.repeat(function, number=number, repeat=repeat)) / number
+    """Processor time per call, best of some: what else the machine does then takes from its caches only."""
+    return min(timeit.repeat(function, number=number, repeat=repeat, timer=time.process_time)) / number
 
 
-def in_turn(function, peer, number, rounds=20):
-    """Best of each, per call, taken in turn: what else the machine does then meets both."""
-    both = [(seconds(function, number, 1), seconds(peer, number, 1)) for _ in range(rounds)]
-    return (min(of) for of in zip(*both, strict=True))
+def in_turn(function, peer, number, rounds=20, peer_number=None):
+    """Best of each, per call, taken in turn."""
+    numbers = number, peer_number or number
+    turns = [
+        [seconds(f, n, 3) for f, n in zip((function, peer), numbers, strict=True)] for _ in range(rounds)
+    ]
+    return (min(of) for of in zip(*turns, strict=True))
 
 
 def scipy_chain(q, base):
@@ -64,9 +69,14 @@ def rows():
     one, many = bent_sweeps(1, rng), bent_sweeps(2000, rng)
     q = one[0].orientations
     both = Estimator(configuration('rigid', 'pcc'))
-    ours = seconds(lambda: both.estimate(one), 200)
-    theirs = seconds(lambda: on_sweep(q, IDENTITY, IDENTITY, [8] * 8, 0.08, np.full(8, 0.0825)), 3)
-    yield 'one sweep, rigid + pcc of 64 links', ours, "the predecessor's way", theirs, 50
+    ours, theirs = in_turn(
+        lambda: both.estimate(one),
+        lambda: on_sweep(q, IDENTITY, IDENTITY, [8] * 8, 0.08, np.full(8, 0.0825)),
+        20,
+        rounds=40,
+        peer_number=1,
+    )
+    yield 'one sweep, rigid + pcc of 64 links', ours, "the predecessor's way", theirs, 100
     pcc = Estimator(configuration('pcc'))
     yield (
         'one sweep, pcc of 64 links',
@@ -87,3 +97,19 @@ def rows():
         yield f'batched, per sweep, {name}', each, 'target', 25e-6, 1
     ours, theirs = in_turn(lambda: spline.estimate(many), lambda: pcc.estimate(many), 1)
     yield 'batched, per sweep, spline', ours / len(many), 'pcc', theirs / len(many), 1
+
+
+def batched_positions(n=2000):
+    """Seconds a sweep of the positions of pcc at the ends of its 65 links, fit included, and of the loop in C."""
+    model = Estimator(configuration('pcc')).models['pcc']
+    measured = Measured(np.array([sweep.orientations for sweep in bent_sweeps(n, np.random.default_rng(1))]))
+    loop, stations = pcc_loop(), measured.stations
+
+    def ours():
+        return model.fit(measured).positions(model.link_ends)
+
+    def theirs():
+        return loop(stations, 8, 0.01, 0.02)
+
+    np.testing.assert_allclose(ours(), theirs(), atol=1e-12)
+    return (each / n for each in in_turn(ours, theirs, 1, 50))
