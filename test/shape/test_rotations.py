@@ -79,7 +79,7 @@ def test_slerp_along_is_slerp_from_station_to_station(rng, angle, batch):
     fraction = np.array([0.0, 0.1, 0.3, 0.9, 0.5, 1 / 3, 2 / 3, 0.125, 0.1, 0.875, 1.0])
     got = rotations.slerp_along(stations, rotations.SlerpPlaces(section, fraction))
     expected = rotations.slerp(stations[..., section, :], stations[..., section + 1, :], fraction)
-    np.testing.assert_allclose(got, expected, atol=1e-15)
+    np.testing.assert_allclose(got, expected, rtol=0.0, atol=1e-15)
     if angle < 3.1:  # beyond, the quaternions' last digits decide which way round
         for at in np.ndindex(batch):
             for i, (k, t) in enumerate(zip(section, fraction, strict=True)):
@@ -94,10 +94,10 @@ def test_the_middles_of_equal_links_need_one_sine_each(n):
     )
     assert len(places.sine_fraction) == 3 * n
     np.testing.assert_allclose(
-        places.sine_fraction[places.of_b], np.tile((np.arange(n) + 0.5) / n, 3), atol=1e-15
+        places.sine_fraction[places.of_b], np.tile((np.arange(n) + 0.5) / n, 3), rtol=0.0, atol=1e-15
     )
     np.testing.assert_allclose(
-        places.sine_fraction[places.of_a] + places.sine_fraction[places.of_b], 1.0, atol=2e-15
+        places.sine_fraction[places.of_a] + places.sine_fraction[places.of_b], 1.0, rtol=0.0, atol=2e-15
     )
     assert (places.sine_section[places.of_a] == places.section).all()
     assert (places.sine_section[places.of_b] == places.section).all()
