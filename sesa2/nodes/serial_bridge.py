@@ -32,7 +32,7 @@ from sesa2.sensing.imu.bno055.offsets import Offsets, OffsetsError, load_offsets
 from sesa2.sensing.imu.bno055.scores import Scores
 from sesa2.time import NS
 
-# Eight chips take 40 ms each; a chip that boots lets the board say "busy" for 0.7 s.
+# Eight chips take 40 ms each; one that changes its mode lets the board say "busy" meanwhile.
 _OFFSETS_PATIENCE_S = 5.0
 
 

@@ -16,7 +16,7 @@ from types import TracebackType
 from sesa2.link.link_errors import LinkError
 from sesa2.link.packets import VERSION
 from sesa2.link.virtual.chip import Chip
-from sesa2.link.virtual.firmware import Firmware
+from sesa2.link.virtual.firmware import EXTERNAL_RESET, POWER_ON, Firmware
 from sesa2.link.virtual.motion import FloatArray
 from sesa2.link.virtual.virtual_arm import VirtualArm
 from sesa2.time import NS
@@ -79,7 +79,7 @@ class VirtualBoard:
         self._stopped = self._muted = False
         self._lose = self._corrupt = 0
         self._unsent = b''
-        self._start(0)
+        self._start(0, POWER_ON)
         self._plug()
         self._thread = threading.Thread(target=self._run, name='virtual board', daemon=True)
         self._thread.start()
@@ -132,7 +132,7 @@ class VirtualBoard:
 
     def reset(self) -> None:
         """Press the reset button: the board forgets all, the chips keep their power."""
-        self._do(lambda: self._start(self._boot_us))
+        self._do(lambda: self._start(self._boot_us, EXTERNAL_RESET))
 
     def unplug_cable(self) -> None:
         """Pull the USB cable: the port is gone, and so is the power of board and chips."""
@@ -171,11 +171,16 @@ class VirtualBoard:
     def _now_us(self) -> int:
         return (time.monotonic_ns() - self._epoch_ns) // 1000
 
-    def _start(self, boot_us: int) -> None:
+    def _start(self, boot_us: int, cause: int) -> None:
         self._born_us = self._now_us() + boot_us
         self._unsent = b''
         self._firmware = Firmware(
-            self._chips, self._measure, born_us=self._born_us, baud=self._baud, version=self._version
+            self._chips,
+            self._measure,
+            born_us=self._born_us,
+            baud=self._baud,
+            version=self._version,
+            reset_cause=cause,
         )
 
     def _measure(self, ids: Sequence[int], t_us: FloatArray, headings: FloatArray) -> FloatArray:
@@ -203,7 +208,7 @@ class VirtualBoard:
             chip.unplug()
 
     def _replug(self) -> None:
-        self._start(self._boot_us)
+        self._start(self._boot_us, POWER_ON)
         for chip in self._chips.values():
             chip.power_on(self._now_us())
         self._plug()
