@@ -86,6 +86,16 @@ class Hello(NamedTuple):
     uptime_ms: int
     """Since the board started: a value that went back is a reset."""
 
+    @property
+    def firmware(self) -> str:
+        """The firmware's version as people write it."""
+        return f'{self.firmware_major}.{self.firmware_minor}'
+
+    @property
+    def outdated(self) -> bool:
+        """Whether the firmware is older than the one that belongs to this package."""
+        return self[:2] < FIRMWARE
+
     def pack(self) -> bytes:
         """The fields as bytes."""
         return _HELLO.pack(*self)

@@ -9,8 +9,6 @@ from sesa2.link.packets import (
     SweepHeader,
     decode_stream,
     encode_data,
-    ids_of,
-    mask_of,
     register_of,
     scores_of,
 )
@@ -38,9 +36,11 @@ def test_register_0x35():
     assert all(register_of(scores_of(value)) == value for value in range(256))
 
 
-def test_ids_are_channels_plus_one():
-    assert ids_of(0b1000_0110) == (2, 3, 8)
-    assert all(mask_of(ids_of(mask)) == mask for mask in range(256))
+def test_ids_are_those_of_the_board_that_the_packet_came_from():
+    assert decode_stream(DATA).sweep.ids == (1, 3)
+    assert decode_stream(DATA, board=2).sweep.ids == (17, 19)
+    moved = SWEEP._replace(board=2)
+    assert encode_data(moved, np.zeros((2, 4)), bytes(2), bytes(2))[:11] == DATA[:11]
 
 
 def test_imus_are_read_in_the_middle_of_their_share():

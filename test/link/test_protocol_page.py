@@ -9,6 +9,7 @@ import pytest
 from sesa2.link import framing, packets, requests
 from sesa2.link.packets import State
 from sesa2.link.requests import Command, FusionMode, Hello, Result, Stats, Stream
+from sesa2.sensing.imu import addresses
 from sesa2.sensing.imu.bno055.offsets import Offsets
 
 FIRMWARE = Path(__file__).parents[2] / 'firmware'
@@ -133,7 +134,7 @@ def test_version_and_sizes():
 def test_the_boards_headers():
     expected = {
         'PROTOCOL_VERSION': packets.VERSION,
-        'CHANNELS': packets.CHANNELS,
+        'CHANNELS': addresses.CHANNELS,
         'OFFSETS_SIZE': requests.OFFSET_BYTES,
         'PACKET_DATA': packets._DATA,
         'PACKET_ACCELERATION': packets._ACCELERATION,

@@ -16,7 +16,6 @@ from sesa2.link.packets import (
     SweepHeader,
     encode_acceleration,
     encode_data,
-    ids_of,
 )
 from sesa2.link.requests import (
     FIRMWARE,
@@ -35,6 +34,7 @@ from sesa2.link.virtual.channel import NEVER, Channel
 from sesa2.link.virtual.chip import Chip
 from sesa2.link.virtual.motion import FloatArray
 from sesa2.link.virtual.virtual_arm import accelerations
+from sesa2.sensing.imu.addresses import CHANNELS, ids_of, imu_id_at, mask_of
 
 _READ_IMU_US = {0: 525, 1: 1_475}  # one IMU's share of a sweep at 400 and at 100 kHz
 _AHEAD = 16
@@ -52,15 +52,17 @@ class Firmware:
     Parameters
     ----------
     chips
-        By id; channels without one are empty. Their power and memory outlive the board's.
+        By id, all of this board; channels without one are empty. Their power and memory outlive the board's.
     measure
         What the chips measure.
     born_us
         Time of the chips' world at the start of the board, µs.
     baud
         Of the line: a packet is due when its last bit has left.
-    version
-        Protocol version to claim.
+    board
+        Which board it is, from 0.
+    version, release
+        Protocol version and firmware version to claim.
     reset_cause
         Register MCUSR: `POWER_ON` or `EXTERNAL_RESET`.
     """
@@ -72,17 +74,22 @@ class Firmware:
         *,
         born_us: int = 0,
         baud: int = 500_000,
+        board: int = 0,
         version: int = VERSION,
+        release: tuple[int, int] = FIRMWARE,
         reset_cause: int = POWER_ON,
     ) -> None:
         self._chips = chips
         self._measure = measure
         self._born_us = born_us
         self._bit_us = 1e6 / baud
+        self._board = board
         self._version = version
+        self._release = release
         self._reset_cause = reset_cause
         self._decoder = FrameDecoder()
-        self._channels = {i: Channel(chips.get(i), born_us, self._reply) for i in ids_of(0xFF)}
+        ids = [imu_id_at(board, channel) for channel in range(CHANNELS)]
+        self._channels = {i: Channel(chips.get(i), born_us, self._reply) for i in ids}
         self._malformed = 0
         self._flags = Stream.STOP
         self._configuration: BoardConfiguration | None = None
@@ -123,10 +130,8 @@ class Firmware:
 
     def _take(self, request: Request, now_us: int) -> None:
         if request.command == Command.HELLO:
-            answering = sum(
-                1 << i - 1 for i, chip in self._chips.items() if chip.answers(self._born_us + now_us)
-            )
-            self._reply(request, Result.OK, Hello(*FIRMWARE, answering, now_us // 1000 % (1 << 32)).pack())
+            answering = mask_of(i for i, chip in self._chips.items() if chip.answers(self._born_us + now_us))
+            self._reply(request, Result.OK, Hello(*self._release, answering, now_us // 1000 % (1 << 32)).pack())
         elif request.version != self._version:
             self._reply(request, Result.BAD_ARGUMENT)
         elif request.command == Command.CONFIGURE:
@@ -155,7 +160,7 @@ class Firmware:
             self._reply(request, Result.BAD_ARGUMENT)
             return
         self._configuration = configuration
-        self._ids = ids_of(configuration.mask)
+        self._ids = ids_of(configuration.mask, self._board)
         self._reply(request, Result.OK)
         for imu_id, channel in self._channels.items():
             if imu_id in self._ids:
@@ -176,7 +181,7 @@ class Firmware:
         self._sent_us = self._when_sent()
 
     def _visit(self, request: Request, now_us: int) -> None:
-        imu_id = request.arguments[0] + 1
+        imu_id = imu_id_at(self._board, request.arguments[0])
         channel = self._channels.get(imu_id)
         if channel is None:
             self._reply(request, Result.BAD_ARGUMENT)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from sesa2.link.framing import FrameDecoder, encode_frame
-from sesa2.link.packets import Acceleration, Data, State, decode_stream, mask_of
+from sesa2.link.packets import Acceleration, Data, State, decode_stream
 from sesa2.link.requests import (
     BoardConfiguration,
     Command,
@@ -23,6 +23,7 @@ from sesa2.link.virtual.chip import BOOT_US, Chip
 from sesa2.link.virtual.firmware import Firmware
 from sesa2.link.virtual.motion import ArmMotion
 from sesa2.link.virtual.virtual_arm import VirtualArm
+from sesa2.sensing.imu.addresses import mask_of
 
 MS = 1000
 OFFSETS = bytes(range(22))
