@@ -369,4 +369,5 @@ class Session:
 def outdated_firmware(hello: Hello) -> str:
     """What to tell the user of a board whose firmware is older than this package's, though it speaks its protocol."""
     expected = '.'.join(map(str, FIRMWARE))
-    return f'the board has firmware {hello.firmware}, this package comes with {expected}: bring it up to date ({UPLOAD})'
+    found = f'the board has firmware {hello.firmware}, this package comes with {expected}'
+    return f'{found}: bring it up to date ({UPLOAD})'
