@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sesa2.errors import Sesa2Error
+from sesa2.link.link_errors import LinkError, ProtocolVersionError
 from sesa2.link.packets import Acceleration, Data
 from sesa2.link.session import LinkSettings, Session
 from sesa2.link.status import Event, Level
@@ -44,7 +45,7 @@ class BoardLink:
     session
         What the thread runs.
     was_up
-        Whether the board has streamed.
+        Whether the board has ever streamed: then it is the right one, and worth waiting for.
     failure
         Why the link could not be made at the start, or cannot be kept; None while it can.
     finished
@@ -72,8 +73,7 @@ class BoardLink:
 
     def _run(self) -> None:
         try:
-            self.session.connect()
-            self.was_up = True
+            self._connect()
             self.session.run()
         except Sesa2Error as error:
             self.failure = error
@@ -82,10 +82,21 @@ class BoardLink:
         finally:
             self.finished = True
 
+    def _connect(self) -> None:
+        try:
+            self.session.connect()
+        except ProtocolVersionError:
+            raise
+        except LinkError as error:
+            if not self.was_up:
+                raise
+            self.on_event(Event(Level.ERROR, f'{error}; trying again'))
+
     # Called by the session, in the thread
 
     def on_data(self, data: Data, stamps_ns: list[int]) -> None:
         """Hand a sweep on, or keep it until its acceleration comes."""
+        self.was_up = True
         if self._waiting:
             self._handler.on_sweep(*self._waiting, None)
         self._waiting = (data, stamps_ns) if self.settings.acceleration else None

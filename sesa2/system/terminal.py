@@ -13,6 +13,7 @@ from sesa2.shape.rotations import FloatArray, conjugate, rotate
 from sesa2.system.wiring import System
 
 _PERIOD_S = 1.0
+_LOW = 0.9  # of the highest
 
 
 class Terminal:
@@ -111,13 +112,10 @@ class Terminal:
 
 
 def _line(values: Mapping[int, float], form: str) -> str:
-    """A value of each IMU; of more than fit on a line, the span and the ids of those with the least, if few have it."""
+    """A value of each IMU; of more than fit on a line their span, and which are far below the others."""
     if len(values) <= CHANNELS:
         return ' '.join(f'{value:{form}}' for value in values.values())
     least, most = min(values.values()), max(values.values())
-    low, high = f'{least:{form}}', f'{most:{form}}'
-    lowest = [imu_id for imu_id, value in values.items() if f'{value:{form}}' == low]
-    if low == high:
-        return f'{low} of all {len(values)}'
-    named = f' (IMU {" ".join(map(str, lowest))})' if len(lowest) <= CHANNELS else ''
-    return f'{low}{named} to {high} of {len(values)}'
+    low = ' '.join(str(imu_id) for imu_id, value in values.items() if value < _LOW * most)
+    span = f'{least:{form}}' if f'{least:{form}}' == f'{most:{form}}' else f'{least:{form}} to {most:{form}}'
+    return f'{span} of {len(values)}' + (f', low: IMU {low}' if low else '')
