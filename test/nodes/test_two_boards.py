@@ -177,6 +177,9 @@ def test_losing_a_board_costs_the_other_nothing(graph, bridge_on, two, tmp_path)
             lambda: diagnosis.latest('serial_bridge: imu_9')[0] == ERROR, 'an error of an IMU on that board'
         )
         assert diagnosis.latest('serial_bridge: link 0')[0] != ERROR
+        graph.until(
+            all_more(messages, FIRST), 'the other board'
+        )  # what the lost one said last has come by then
         silent = {i: len(messages[i]) for i in SECOND}
         graph.until(all_more(messages, FIRST, 100), 'the other board')
         assert {i: len(messages[i]) for i in SECOND} == silent

@@ -131,7 +131,9 @@ class Firmware:
     def _take(self, request: Request, now_us: int) -> None:
         if request.command == Command.HELLO:
             answering = mask_of(i for i, chip in self._chips.items() if chip.answers(self._born_us + now_us))
-            self._reply(request, Result.OK, Hello(*self._release, answering, now_us // 1000 % (1 << 32)).pack())
+            self._reply(
+                request, Result.OK, Hello(*self._release, answering, now_us // 1000 % (1 << 32)).pack()
+            )
         elif request.version != self._version:
             self._reply(request, Result.BAD_ARGUMENT)
         elif request.command == Command.CONFIGURE:
