@@ -74,7 +74,9 @@ def test_shipped_configurations_are_explained_by_path_and_by_name(capfd, file):
     assert capfd.readouterr().out == by_path
     lines = by_path.splitlines()
     for i, s in zip(c.imus.ids, c.imus.positions, strict=True):
-        assert any(line.split()[:3] == [str(i), str(i - 1), f'{s:.4f}'] for line in lines)
+        board, channel = divmod(i - 1, 8)
+        row = [str(i), *c.serial.ports[board : board + 1], str(channel), f'{s:.4f}']
+        assert any(line.split()[: len(row)] == row for line in lines)
     for name, s in zip(c.markers.names, c.markers.positions, strict=True):
         assert any(line.split() == [name, f'{s:.4f}'] for line in lines)
     for model in c.models:
@@ -119,7 +121,7 @@ def test_check_says_what_is_wrong_and_where(capfd, config, wrong):
 
 
 def test_check_says_every_mistake_at_once(capfd, config):
-    file = config(imus={'ids': [2, 9], 'postions': [1.0]}, arm={'length': -1.0}, models=['pc'])
+    file = config(imus={'ids': [2, 0], 'postions': [1.0]}, arm={'length': -1.0}, models=['pc'])
     fails(capfd, ['check', file], '4 mistakes', 'imus.ids[1]', 'imus.postions', 'arm.length', 'models[0]')
 
 

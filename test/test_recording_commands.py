@@ -16,7 +16,7 @@ from sesa2.messages.cdr import CdrLayout
 from sesa2.messages.imu_messages import TYPE, ImuMessages
 from sesa2.sensing.imu.error_model import SOURCES
 from sesa2.shape.rotations import IDENTITY, from_rotation_vector, multiply, rotate
-from sesa2.system.virtual_source import make_virtual_board
+from sesa2.system.virtual_source import make_virtual_boards
 from sesa2.twin.trial import Trial
 
 START_NS = 1_700_000_000 * 10**9
@@ -342,7 +342,8 @@ def test_a_twin_is_replayed_and_evaluated_against_its_own_truth(tmp_path, config
     late = json.loads(capsys.readouterr().out)['models']['spline']
     assert late['B']['median_pct'] > 2.0 * usual[1]
     c = files.load(config)
-    with make_virtual_board(replace(c, run=replace(c.run, trial=str(trial)))) as board:
+    [board] = make_virtual_boards(replace(c, run=replace(c.run, trial=str(trial))))
+    with board:
         np.testing.assert_allclose(
             board.truth(np.array([3.0]))[0], Trial.load(trial / 'trial.npz').motion(3.0)
         )

@@ -3,7 +3,7 @@
 import argparse
 from dataclasses import replace
 
-from sesa2.commands.arguments import add_config, load_config, not_negative, port_number, positive
+from sesa2.commands.arguments import add_config, load_config, names, not_negative, port_number, positive
 from sesa2.configuration import Configuration, files
 from sesa2.ros.signals import stop_on_signals
 
@@ -17,7 +17,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--mode', choices=('stream', 'calibrate'), help='estimate the shape, or calibrate the sensors'
     )
-    parser.add_argument('--port', help='serial port of the board')
+    parser.add_argument(
+        '--port',
+        type=names,
+        action='extend',
+        metavar='PORT[,PORT…]',
+        help='serial port of the board; of several boards all, in their order',
+    )
     parser.add_argument('--bag', help='recording to play')
     parser.add_argument(
         '--trial', metavar='TRIAL', help='with --source sim: play the motion of this simulated trial'
@@ -54,7 +60,7 @@ def _override(c: Configuration, options: argparse.Namespace) -> Configuration:
     }
     c = replace(c, run=replace(c.run, **{k: v for k, v in given.items() if v is not None}))
     if options.port is not None:
-        c = replace(c, serial=replace(c.serial, port=options.port))
+        c = replace(c, serial=c.serial.on(options.port))
     if options.record is not None:
         c = replace(c, record=replace(c.record, file=options.record))
     return files.parse(files.dump(c), f'{options.config} with the command line')

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from sesa2.configuration.records import Configuration
+from sesa2.sensing.imu.addresses import CHANNELS, address_of
 
 
 def describe(c: Configuration) -> str:
@@ -19,6 +20,7 @@ def describe(c: Configuration) -> str:
         'the clamp (base_link)' if c.frame_id == 'base_link' else 'world axes, origin at the clamp (world)'
     )
     on_base = f'measured by IMU {c.imus.base_id}' if c.imus.base_id else _quaternion(c.base)
+    hangs, places = _places(c)
     lines = [
         f'Arm        {c.arm.length:.3f} m long, {2e3 * c.arm.radius:.1f} mm thick; base orientation q_WB {on_base}',
         f'Results    in {frame}; {_timing(c)}',
@@ -26,11 +28,11 @@ def describe(c: Configuration) -> str:
         '',
         'IMUs, base to tip',
         *table(
-            ('id', 'channel', 's [m]', 'used', 'mounting q_LS (x y z w)', 'heading [°]'),
+            ('id', *hangs, 's [m]', 'used', 'mounting q_LS (x y z w)', 'heading [°]'),
             [
-                (i, i - 1, f'{s:.4f}', 'yes' if used else 'no', _quaternion(q), f'{np.degrees(h):.2f}')
-                for i, s, used, q, h in zip(
-                    c.imus.ids, c.imus.positions, c.imus.enabled, c.mountings, c.headings, strict=True
+                (i, *place, f'{s:.4f}', 'yes' if used else 'no', _quaternion(q), f'{np.degrees(h):.2f}')
+                for i, place, s, used, q, h in zip(
+                    c.imus.ids, places, c.imus.positions, c.imus.enabled, c.mountings, c.headings, strict=True
                 )
             ],
         ),
@@ -48,6 +50,17 @@ def describe(c: Configuration) -> str:
         ),
     ]
     return '\n'.join(line.rstrip() for line in lines)
+
+
+def _places(c: Configuration) -> tuple[tuple[str, ...], list[tuple[object, ...]]]:
+    """Heads and cells of where each IMU hangs: its channel, after its port where there are several; none without."""
+    addresses = [address_of(imu_id) for imu_id in c.imus.ids]
+    ports = c.serial.all_ports
+    if max(c.imus.all_ids) > CHANNELS * len(ports):
+        return (), [()] * len(addresses)
+    if len(ports) > 1:
+        return ('port', 'channel'), [(ports[board], channel) for board, channel in addresses]
+    return ('channel',), [(channel,) for _, channel in addresses]
 
 
 def _timing(c: Configuration) -> str:

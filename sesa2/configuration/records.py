@@ -1,6 +1,6 @@
 """What a configuration holds. Each field says its default, meaning and range; validation and ROS read them here."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, is_dataclass, replace
 from typing import Any, get_type_hints
 
@@ -51,7 +51,9 @@ class Imus:
     """The IMUs; every list has one entry per id."""
 
     ids: tuple[int, ...] = parameter(
-        REQUIRED, 'multiplexer channel + 1 of each IMU, base to tip', low=1, high=8
+        REQUIRED,
+        'id of each IMU, base to tip; on a board: multiplexer channel + 1, and 8 more for each further port',
+        low=1,
     )
     positions: Floats = parameter(REQUIRED, 'arc length of each IMU from the clamp, m', above=0.0)
     enabled: tuple[bool, ...] = parameter(REQUIRED, 'whether each IMU is used')
@@ -61,9 +63,7 @@ class Imus:
     headings: Floats = parameter(
         (0.0,), 'heading error of each IMU about the vertical, rad, one for all or one per IMU'
     )
-    base_id: int = parameter(
-        0, 'id of an IMU on the base instead of base_orientation; 0: none', low=0, high=8
-    )
+    base_id: int = parameter(0, 'id of an IMU on the base instead of base_orientation; 0: none', low=0)
     base_mount_orientation: Floats = parameter((0.0, 0.0, 0.0, 1.0), 'q_BS of the IMU on the base, x y z w')
     latency: float = parameter(0.0, 'delay of the sensors, s, taken off the stamps', low=0.0, high=1.0)
     heading_filter: bool = parameter(False, 'correct slow heading drift while running')
@@ -95,13 +95,24 @@ class Markers:
 
 @dataclass(frozen=True)
 class Serial:
-    """The board's port and what is asked of the board."""
+    """The boards' ports and what is asked of the boards."""
 
     port: str = parameter('/dev/ttyACM0', 'serial port; a name under /dev/serial/by-id stays the same')
+    ports: tuple[str, ...] = parameter((), 'instead of port: that of each board, IMUs 1 to 8 first')
     baud: int = parameter(500000, 'bit rate of the port, as built into the firmware', low=9600, high=2000000)
     rate_hz: int = parameter(100, 'sweeps per second', low=1, high=100)
     fusion: str = parameter('NDOF', "the chips' fusion mode", choices=('NDOF', 'NDOF_FMC_OFF', 'IMU'))
     acceleration: bool = parameter(False, 'stream acceleration too')
+
+    @property
+    def all_ports(self) -> tuple[str, ...]:
+        """Port of each board."""
+        return self.ports or (self.port,)
+
+    def on(self, ports: Sequence[str]) -> 'Serial':
+        """The same on other ports."""
+        one = len(ports) == 1
+        return replace(self, port=ports[0] if one else '', ports=() if one else tuple(ports))
 
 
 @dataclass(frozen=True)

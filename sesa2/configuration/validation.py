@@ -1,13 +1,14 @@
 """From plain values, as YAML or ROS give them, to a configuration; every mistake is found at once."""
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from difflib import get_close_matches
 from typing import Any, NamedTuple, get_args, get_origin
 
 from sesa2.configuration.records import Configuration, leaves, sections
 from sesa2.errors import Sesa2Error
+from sesa2.sensing.imu.addresses import CHANNELS, ids_by_board, imu_id_at
 from sesa2.shape.arm import GeometryError
 from sesa2.shape.models import MODELS
 from sesa2.shape.options import REQUIRED, ModelOptions
@@ -61,6 +62,8 @@ def validate(values: Mapping[str, Any], source: str = 'configuration') -> Config
     for path in ('arm.length', 'imus.ids', 'imus.positions'):
         if path not in read and path not in wrong:
             mistakes.append(Mistake(path, 'is missing'))
+    if 'serial.ports' in read:
+        read.setdefault('serial.port', '')
     if not mistakes:
         configuration = _fill(_build(read))
         mistakes += _check(configuration)
@@ -233,6 +236,7 @@ def _check(c: Configuration) -> list[Mistake]:
         )
     for i, name in _repeated(c.models):
         expect(False, f'models[{i}]', f'got {name!r} a second time')
+    _check_boards(c, expect)
     if c.run.source == 'bag':
         expect(c.run.bag != '', 'run.bag', "is empty, and the source is 'bag'")
     if c.run.mode == 'calibrate':
@@ -249,6 +253,39 @@ def _check(c: Configuration) -> list[Mistake]:
             except GeometryError as error:
                 mistakes.append(Mistake(name, str(error)))
     return mistakes
+
+
+def _check_boards(c: Configuration, expect: Callable[[bool, str, str], bool]) -> None:
+    """Where boards are asked, each IMU hangs on one of them, and each of them has an IMU."""
+    ports = c.serial.all_ports
+    if c.serial.ports:
+        both = 'stands beside serial.ports, expected one of the two: port for one board, ports for several'
+        expect(c.serial.port == '', 'serial.port', both)
+        for i, name in _repeated(ports):
+            expect(False, f'serial.ports[{i}]', f'got {name!r} a second time')
+    for i, name in enumerate(ports):
+        place = f'serial.ports[{i}]' if c.serial.ports else 'serial.port'
+        expect(name != '' or c.run.source != 'serial', place, 'is empty, expected a serial port')
+    if c.run.source not in ('sim', 'serial'):
+        return
+    last = CHANNELS * len(ports)
+    places = {f'imus.ids[{i}]': imu_id for i, imu_id in enumerate(c.imus.ids)} | {
+        'imus.base_id': c.imus.base_id
+    }
+    for place, imu_id in places.items():
+        expect(
+            imu_id <= last,
+            place,
+            f'got {imu_id}, expected 1 to {last}: {CHANNELS} on each board, and serial.ports says where several are',
+        )
+    boards = ids_by_board(c.imus.all_ids)
+    for board in range(len(c.serial.ports)):
+        span = f'{imu_id_at(board, 0)} to {imu_id_at(board, CHANNELS - 1)}'
+        expect(
+            board in boards,
+            f'serial.ports[{board}]',
+            f'has no IMU, expected one of the ids {span} in imus.ids',
+        )
 
 
 def _repeated(values: Iterable[Any]) -> list[tuple[int, Any]]:

@@ -19,6 +19,7 @@ from sesa2.link.requests import (
     is_reply,
 )
 from sesa2.link.serial_port import SerialPort
+from sesa2.sensing.imu.addresses import address_of, imu_id_at
 from sesa2.sensing.imu.bno055.offsets import Offsets
 
 HELLO_PATIENCE_S = 3.0
@@ -28,6 +29,9 @@ _REPLY_TIMEOUT_S = 0.5
 _BUSY_PATIENCE_S = 3.0
 _BUSY_PAUSE_S = 0.02
 _TRIES = 4
+
+UPLOAD = 'make -C firmware upload'
+"""Puts this package's firmware on a board."""
 
 PacketHandler = Callable[[Data | Acceleration, int], None]
 """Takes a packet and the time at which its last byte was read, ns of `time.monotonic_ns`."""
@@ -47,6 +51,8 @@ class Board:
         Called with every intact stream packet.
     decoder
         To go on counting damaged frames over several connections, hand over the same one.
+    number
+        Which board it is, from 0: its IMUs have the ids from 8 · number + 1 on.
 
     Attributes
     ----------
@@ -57,9 +63,14 @@ class Board:
     """
 
     def __init__(
-        self, port: SerialPort, on_packet: PacketHandler, decoder: FrameDecoder | None = None
+        self,
+        port: SerialPort,
+        on_packet: PacketHandler,
+        decoder: FrameDecoder | None = None,
+        number: int = 0,
     ) -> None:
         self.port = port
+        self.number = number
         self.decoder = decoder or FrameDecoder()
         self.malformed = 0
         self.retries = 0
@@ -75,7 +86,7 @@ class Board:
         self._received += len(portion)
         for body in self.decoder.feed(portion):
             try:
-                packet = decode_reply(body) if is_reply(body) else decode_stream(body)
+                packet = decode_reply(body) if is_reply(body) else decode_stream(body, self.number)
             except PacketError:
                 self.malformed += 1
                 continue
@@ -117,16 +128,16 @@ class Board:
 
     def write_offsets(self, imu_id: int, offsets: Offsets) -> bool:
         """Give a chip its offsets, and the board the same to keep; False if the chip is absent now."""
-        arguments = _channel(imu_id) + offsets.to_registers()
+        arguments = self._channel(imu_id) + offsets.to_registers()
         return self._command(Command.WRITE_OFFSETS, arguments, absent_is_fine=True).result is Result.OK
 
     def read_offsets(self, imu_id: int) -> Offsets:
         """The offsets that a chip works with. It does not measure for about 40 ms meanwhile."""
-        return Offsets.from_registers(self._command(Command.READ_OFFSETS, _channel(imu_id)).fields)
+        return Offsets.from_registers(self._command(Command.READ_OFFSETS, self._channel(imu_id)).fields)
 
     def reset_imu(self, imu_id: int) -> None:
         """Reset a chip; the board brings it back with its mode and offsets."""
-        self._command(Command.RESET_IMU, _channel(imu_id))
+        self._command(Command.RESET_IMU, self._channel(imu_id))
 
     def stats(self) -> Stats:
         """What the board has counted since it started."""
@@ -149,7 +160,7 @@ class Board:
             elif reply.result is Result.OK or (reply.result is Result.ABSENT and absent_is_fine):
                 return reply
             else:
-                raise CommandError(_refused(command, arguments, reply.result))
+                raise CommandError(self._refused(command, arguments, reply.result))
 
     def _try(self, command: Command, arguments: bytes, timeout_s: float) -> Reply | None:
         """Send once, with a token of its own, and wait for the reply that carries it."""
@@ -165,7 +176,7 @@ class Board:
                     if reply.version != VERSION:
                         raise ProtocolVersionError(
                             f'{self.port.path}: the board speaks protocol version {reply.version}, this package '
-                            f'version {VERSION}; flash the firmware of this package (make -C firmware upload)'
+                            f'version {VERSION}; flash the firmware of this package ({UPLOAD})'
                         )
                     return reply
             self._replies.clear()
@@ -181,23 +192,26 @@ class Board:
         if self._received and errors:
             hint = f'{self._received} bytes came, and {errors} frames were damaged: is {self.port.baud} its baud rate?'
         elif self._received:
-            hint = f'{self._received} bytes came, but no reply: is it a sesa2 board?'
+            hint = f"{self._received} bytes came, but no reply: is this package's firmware on it ({UPLOAD})?"
         else:
-            hint = 'nothing came: is it the right port, and is the firmware on the board?'
+            hint = f'nothing came: is it the right port, and is the firmware on the board ({UPLOAD})?'
         return f'{self.port.path}: no board answered HELLO within {patience_s:g} s; {hint}'
 
+    def _channel(self, imu_id: int) -> bytes:
+        board, channel = address_of(imu_id)
+        if board != self.number:
+            raise CommandError(
+                f'{self.port.path}: IMU {imu_id} is on board {board}, and this is board {self.number}'
+            )
+        return bytes((channel,))
 
-def _channel(imu_id: int) -> bytes:
-    return bytes((imu_id - 1,))
-
-
-def _refused(command: Command, arguments: bytes, result: Result) -> str:
-    why = {
-        Result.BAD_ARGUMENT: f'bad argument in {arguments.hex(" ")}',
-        Result.ABSENT: 'the chip is absent',
-        Result.BUSY: f'the chip was still busy after {_BUSY_PATIENCE_S:g} s',
-        Result.I2C_ERROR: 'error on the I2C bus',
-    }[result]
-    if command in (Command.WRITE_OFFSETS, Command.READ_OFFSETS, Command.RESET_IMU):
-        return f'{command.name} of IMU {arguments[0] + 1}: {why}'
-    return f'{command.name}: {why}'
+    def _refused(self, command: Command, arguments: bytes, result: Result) -> str:
+        why = {
+            Result.BAD_ARGUMENT: f'bad argument in {arguments.hex(" ")}',
+            Result.ABSENT: 'the chip is absent',
+            Result.BUSY: f'the chip was still busy after {_BUSY_PATIENCE_S:g} s',
+            Result.I2C_ERROR: 'error on the I2C bus',
+        }[result]
+        if command in (Command.WRITE_OFFSETS, Command.READ_OFFSETS, Command.RESET_IMU):
+            return f'{command.name} of IMU {imu_id_at(self.number, arguments[0])}: {why}'
+        return f'{command.name}: {why}'

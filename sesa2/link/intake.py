@@ -3,8 +3,9 @@
 import time
 
 from sesa2.link.clock import BoardClock, WallClock
-from sesa2.link.packets import Acceleration, Data, State, mask_of
+from sesa2.link.packets import Acceleration, Data, State
 from sesa2.link.status import Counters, Event, Handler, Level
+from sesa2.sensing.imu.addresses import mask_of
 from sesa2.time import NS
 
 _SILENCE_S = 0.25
@@ -17,7 +18,7 @@ class Intake:
     Parameters
     ----------
     ids
-        IMUs that were asked for.
+        IMUs that were asked for, all of one board.
     baud
         Of the line: what a packet takes on it is no part of its delay.
     rate_hz

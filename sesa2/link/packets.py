@@ -1,7 +1,7 @@
 """What the board sends unasked: orientations and accelerations, one packet a sweep (firmware/PROTOCOL.md).
 
-The wire counts multiplexer channels from 0 and puts a quaternion's scalar first; both end here: everywhere
-else an IMU is known by its id, channel + 1, and quaternions are x y z w.
+The wire counts multiplexer channels and puts a quaternion's scalar first; both end here: everywhere else an IMU is
+known by its id (sensing/imu/addresses.py), and quaternions are x y z w.
 """
 
 from enum import IntEnum
@@ -13,11 +13,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from sesa2.link.framing import FRAMING_BYTES
 from sesa2.link.link_errors import PacketError
+from sesa2.sensing.imu.addresses import ids_of
 from sesa2.sensing.imu.bno055.scores import Scores
 
 VERSION = 1
 """The protocol version that this package speaks."""
-CHANNELS = 8
 
 _DATA, _ACCELERATION = 1, 2
 _HEAD = Struct('<BBHIHB')  # type, version, seq, t_us, scan_us, mask
@@ -48,19 +48,6 @@ def register_of(scores: Scores) -> int:
     return scores.sys << 6 | scores.gyro << 4 | scores.accel << 2 | scores.mag
 
 
-_IDS = [tuple(k + 1 for k in range(CHANNELS) if mask >> k & 1) for mask in range(256)]
-
-
-def ids_of(mask: int) -> tuple[int, ...]:
-    """Ids of the IMUs in a mask of channels, ascending."""
-    return _IDS[mask]
-
-
-def mask_of(ids: tuple[int, ...]) -> int:
-    """Mask of channels of some ids."""
-    return sum(1 << imu_id - 1 for imu_id in set(ids))
-
-
 class SweepHeader(NamedTuple):
     """When and of which IMUs a packet is."""
 
@@ -72,11 +59,13 @@ class SweepHeader(NamedTuple):
     """Length of the sweep, µs."""
     mask: int
     """Channels in the packet."""
+    board: int = 0
+    """Which board's; not on the wire."""
 
     @property
     def ids(self) -> tuple[int, ...]:
         """Ids of the n IMUs in the packet, in the order of its rows."""
-        return _IDS[self.mask]
+        return ids_of(self.mask, self.board)
 
     def read_ns(self) -> list[int]:
         """When each IMU was read, ns after the start of the sweep."""
@@ -142,8 +131,8 @@ class Acceleration(NamedTuple):
         return FRAMING_BYTES + _HEAD.size + 6 * len(self.accelerations)
 
 
-def decode_stream(body: bytes) -> Data | Acceleration:
-    """The packet in an intact frame's body.
+def decode_stream(body: bytes, board: int = 0) -> Data | Acceleration:
+    """The packet in an intact frame's body, which came from a board.
 
     Raises
     ------
@@ -155,8 +144,8 @@ def decode_stream(body: bytes) -> Data | Acceleration:
     kind, version, seq, t_us, scan_us, mask = _HEAD.unpack_from(body)
     if version != VERSION:
         raise PacketError(f'stream packet of protocol version {version}, expected {VERSION}')
-    sweep = SweepHeader(seq, t_us, scan_us, mask)
-    n = len(_IDS[mask])
+    sweep = SweepHeader(seq, t_us, scan_us, mask, board)
+    n = mask.bit_count()
     if kind == _DATA:
         _check_length(body, _ENTRY.itemsize * n, 'DATA', n)
         health = body[_HEAD.size :: _ENTRY.itemsize]
@@ -181,14 +170,14 @@ def encode_data(sweep: SweepHeader, orientations: ArrayLike, health: bytes, cali
     entries['health'] = list(health)
     entries['calib'] = list(calib)
     entries['quaternion'] = np.rint(np.asarray(orientations)[:, _WXYZ] / _QUATERNION_LSB)
-    return _HEAD.pack(_DATA, VERSION, *sweep) + entries.tobytes()
+    return _HEAD.pack(_DATA, VERSION, *sweep[:4]) + entries.tobytes()
 
 
 def encode_acceleration(sweep: SweepHeader, accelerations: ArrayLike) -> bytes:
     """Body of an ACCELERATION packet: the inverse of `decode_stream`, rounding to 0.01 m/s²."""
     lsb = np.rint(np.asarray(accelerations, float) / _ACCELERATION_LSB)
     raw = np.where(np.isnan(lsb), _NOT_MEASURED, lsb).astype('<i2')
-    return _HEAD.pack(_ACCELERATION, VERSION, *sweep) + raw.tobytes()
+    return _HEAD.pack(_ACCELERATION, VERSION, *sweep[:4]) + raw.tobytes()
 
 
 def _check_length(body: bytes, entries: int, name: str, n: int) -> None:

@@ -7,6 +7,9 @@ from typing import NamedTuple
 from sesa2.link.link_errors import PacketError
 from sesa2.link.packets import VERSION
 
+FIRMWARE = (1, 0)
+"""Major and minor number of the firmware that belongs to this package."""
+
 _REPLY = 0x80
 
 
@@ -83,6 +86,16 @@ class Hello(NamedTuple):
     uptime_ms: int
     """Since the board started: a value that went back is a reset."""
 
+    @property
+    def firmware(self) -> str:
+        """The firmware's version as people write it."""
+        return f'{self.firmware_major}.{self.firmware_minor}'
+
+    @property
+    def outdated(self) -> bool:
+        """Whether the firmware is older than the one that belongs to this package."""
+        return self[:2] < FIRMWARE
+
     def pack(self) -> bytes:
         """The fields as bytes."""
         return _HELLO.pack(*self)
@@ -154,7 +167,8 @@ _FIELD_BYTES = {
 class Request(NamedTuple):
     """A command on its way to the board."""
 
-    command: Command
+    command: int
+    """A `Command`, or one that this protocol does not have: the board answers that too."""
     token: int
     """0 to 255, chosen anew for every try: the reply carries it."""
     arguments: bytes = b''
@@ -168,7 +182,7 @@ class Request(NamedTuple):
 class Reply(NamedTuple):
     """The board's answer to a `Request`."""
 
-    command: Command
+    command: int
     token: int
     result: Result
     fields: bytes = b''
@@ -182,21 +196,21 @@ class Reply(NamedTuple):
 def decode_request(body: bytes) -> Request:
     """The command in an intact frame's body; the board's side.
 
-    A command of another version is let through with whatever arguments it has, since the board answers it.
+    A command of another version or an unknown one is let through with whatever arguments it has, since the board
+    answers it.
 
     Raises
     ------
     PacketError
-        If the command is unknown or its length does not fit.
+        If the length does not fit.
     """
     if len(body) < 3:
         raise PacketError(f'a command has at least 3 bytes, got {len(body)}')
-    try:
-        command = Command(body[0])
-    except ValueError:
-        raise PacketError(f'unknown command {body[0]}') from None
-    version, token, arguments = body[1], body[2], body[3:]
-    if version == VERSION and len(arguments) != _ARGUMENT_BYTES[command]:
+    code, version, token, arguments = body[0], body[1], body[2], body[3:]
+    if version != VERSION or code not in _ARGUMENT_BYTES:
+        return Request(code, token, arguments, version)
+    command = Command(code)
+    if len(arguments) != _ARGUMENT_BYTES[command]:
         raise PacketError(
             f'{command.name} has {_ARGUMENT_BYTES[command]} argument bytes, got {len(arguments)}'
         )

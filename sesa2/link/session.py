@@ -15,14 +15,15 @@ from dataclasses import dataclass, replace
 from queue import Empty, SimpleQueue
 from typing import Any, TypeVar
 
-from sesa2.link.board_client import Board
+from sesa2.link.board_client import UPLOAD, Board
 from sesa2.link.framing import FrameDecoder
 from sesa2.link.intake import Intake
 from sesa2.link.link_errors import CommandError, LinkError, ProtocolVersionError
-from sesa2.link.packets import State, ids_of, mask_of
-from sesa2.link.requests import BoardConfiguration, FusionMode, Hello, Stats, Stream
+from sesa2.link.packets import State
+from sesa2.link.requests import FIRMWARE, BoardConfiguration, FusionMode, Hello, Stats, Stream
 from sesa2.link.serial_port import SerialPort
 from sesa2.link.status import Counters, Event, Handler, ImuStatus, Level, OffsetsState
+from sesa2.sensing.imu.addresses import CHANNELS, address_of, ids_of, imu_id_at, mask_of
 from sesa2.sensing.imu.bno055.offsets import Offsets
 
 _TURN_S = 0.05
@@ -40,11 +41,17 @@ class LinkSettings:
 
     port: str
     ids: tuple[int, ...]
+    """Ascending, at least one, all of one board."""
     baud: int = 500_000
     rate_hz: int = 100
     fusion: FusionMode = FusionMode.NDOF
     acceleration: bool = False
     i2c_100khz: bool = False
+
+    @property
+    def board(self) -> int:
+        """Which board it is, from 0."""
+        return address_of(self.ids[0]).board
 
 
 class Session:
@@ -84,7 +91,7 @@ class Session:
         self._trouble = ''
         self._hello_s = 0.0
         self._stats_due_s = 0.0
-        self._comebacks_known: tuple[int, ...] = (0,) * 8
+        self._comebacks_known: tuple[int, ...] = (0,) * CHANNELS
 
     # Any thread
 
@@ -138,7 +145,7 @@ class Session:
         """
         port = SerialPort(self.settings.port, self.settings.baud)
         self._decoder.resynchronise()
-        self._board = Board(port, self._intake.take, self._decoder)
+        self._board = Board(port, self._intake.take, self._decoder, self.settings.board)
         if self._stopping.is_set():
             port.cancel()
         try:
@@ -227,6 +234,9 @@ class Session:
     def _set_up(self, board: Board) -> None:
         """Everything that a board which knows nothing has to be told."""
         settings = self.settings
+        assert self.hello is not None
+        if self.hello.outdated:
+            self._tell(Level.WARN, f'{settings.port}: {outdated_firmware(self.hello)}')
         self._intake.end()
         written = [imu_id for imu_id in settings.ids if self._write(board, imu_id)]
         mask = mask_of(settings.ids)
@@ -239,15 +249,14 @@ class Session:
         self._stats_due_s = time.monotonic() + _STATS_PERIOD_S
         self.connected = True
         self._trouble = ''
-        assert self.hello is not None
-        firmware = f'{self.hello.firmware_major}.{self.hello.firmware_minor}'
-        self._tell(Level.INFO, f'{settings.port}: board with firmware {firmware} streams')
+        self._tell(Level.INFO, f'{settings.port}: board with firmware {self.hello.firmware} streams')
         if streamed_before and not settings.fusion.uses_magnetometer:
             self._tell(
-                Level.WARN, 'the chips start with new headings, since mode IMU has no north: align again'
+                Level.WARN,
+                f'{settings.port}: the chips start with new headings, since mode IMU has no north: align again',
             )
         # A board that has just started uses no chip yet: it keeps what it was given, and calls the chip absent.
-        present = {*written, *ids_of(self.hello.channels)}
+        present = {*written, *ids_of(self.hello.channels, settings.board)}
         for imu_id in settings.ids:
             if imu_id in present:
                 self._compare(board, imu_id)
@@ -296,7 +305,8 @@ class Session:
         self.stats = board.stats()
         counts = zip(self.stats.comebacks, self._comebacks_known, strict=True)
         # A chip that lost its power for less than a sweep is seen in this counter alone.
-        unseen = {k + 1 for k, (now, known) in enumerate(counts) if now > known} - self._intake.absent
+        risen = (k for k, (now, known) in enumerate(counts) if now > known)
+        unseen = {imu_id_at(self.settings.board, k) for k in risen} - self._intake.absent
         self._comebacks_known = self.stats.comebacks
         returned = unseen & set(self.settings.ids) | self._intake.returned
         self._intake.returned = set()
@@ -321,10 +331,13 @@ class Session:
     def _revive(self, board: Board) -> None:
         self.connected = False
         if self._greet(board):
-            self._tell(Level.WARN, 'the board was reset; it is set up again')
+            self._tell(Level.WARN, f'{self.settings.port}: the board was reset; it is set up again')
         else:
             self._counters.stalls += 1
-            self._tell(Level.WARN, 'the board answers, but does not stream; it is set up again')
+            self._tell(
+                Level.WARN,
+                f'{self.settings.port}: the board answers, but does not stream; it is set up again',
+            )
         self._set_up(board)
 
     def _do_jobs(self, board: Board) -> None:
@@ -351,3 +364,10 @@ class Session:
 
     def _tell(self, level: Level, message: str) -> None:
         self._handler.on_event(Event(level, message))
+
+
+def outdated_firmware(hello: Hello) -> str:
+    """What to tell the user of a board whose firmware is older than this package's, though it speaks its protocol."""
+    expected = '.'.join(map(str, FIRMWARE))
+    found = f'the board has firmware {hello.firmware}, this package comes with {expected}'
+    return f'{found}: bring it up to date ({UPLOAD})'

@@ -1,8 +1,8 @@
-"""The serial bridge: what the board sends becomes topics; the chips get their saved offsets; the link is kept up."""
+"""The serial bridge: what the boards send becomes topics; the chips get their saved offsets; the links are kept up."""
 
 import functools
-import threading
 import time
+from collections.abc import Callable
 from concurrent.futures import Future
 from concurrent.futures import TimeoutError as FutureTimeoutError
 from pathlib import Path
@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import rclpy.node
 from builtin_interfaces.msg import Time
+from numpy.typing import NDArray
 from sensor_msgs.msg import Imu
 from sesa2_msgs.msg import ImuCalibration
 from std_srvs.srv import Trigger
@@ -18,37 +19,35 @@ from std_srvs.srv import Trigger
 from sesa2.configuration import Configuration
 from sesa2.errors import Sesa2Error
 from sesa2.link.board_client import Board
-from sesa2.link.packets import Acceleration, Data, State
+from sesa2.link.board_link import BoardLink
+from sesa2.link.packets import Data, State
 from sesa2.link.requests import FusionMode
-from sesa2.link.session import LinkSettings, Session
-from sesa2.link.status import Counters, Event, ImuStatus, Level, OffsetsState
+from sesa2.link.session import LinkSettings
+from sesa2.link.status import Event, ImuStatus, Level
 from sesa2.messages.imu_messages import ImuMessages
 from sesa2.messages.topic_names import imu_calibration, imu_data, imu_name
-from sesa2.ros.diagnostics import ERROR, OK, WARN, Diagnostics, Part
+from sesa2.ros.link_diagnostics import LinkDiagnostics
 from sesa2.ros.parameters import declare_configuration
 from sesa2.ros.qos import LATCHED, STREAM
 from sesa2.ros.spinning import run_alone
+from sesa2.sensing.imu.addresses import address_of, ids_by_board
 from sesa2.sensing.imu.bno055.offsets import Offsets, OffsetsError, load_offsets
 from sesa2.sensing.imu.bno055.scores import Scores
 from sesa2.time import NS
 
-# Eight chips take 40 ms each; a chip that boots lets the board say "busy" for 0.7 s.
+# Eight chips take 40 ms each; one that changes its mode lets the board say "busy" meanwhile.
 _OFFSETS_PATIENCE_S = 5.0
 
 
 class SerialBridge(rclpy.node.Node):
     """Publishes each IMU's orientation and calibration, as the chip measured them.
 
-    The link has a thread of its own, from which it also publishes.
+    Each board has a link with a thread of its own, from which its IMUs are also published.
 
     Attributes
     ----------
-    session
-        the link.
-    failure
-        why the link could not be made at the start, or cannot be kept; None while it can.
-    finished
-        whether the link has ended for good.
+    links
+        to each board, in the order of the ports.
     """
 
     def __init__(self, **options: Any):
@@ -64,29 +63,53 @@ class SerialBridge(rclpy.node.Node):
         }
         self._offsets: dict[int, Offsets] = {}
         self._scores: dict[int, Scores] = {}
-        self._waiting: tuple[Data, list[int]] | None = None  # orientations, until their acceleration has come
-        self._shown = Counters()
-        self.failure: Sesa2Error | None = None
-        self.finished = False
-        settings = LinkSettings(
-            port=c.serial.port,
-            ids=self._ids,
-            baud=c.serial.baud,
-            rate_hz=c.serial.rate_hz,
-            fusion=FusionMode[c.serial.fusion],
-            acceleration=c.serial.acceleration,
-        )
-        self.session = Session(settings, self, self._saved)
+        ids = ids_by_board(self._ids)
+        self.links: list[BoardLink] = []
+        for board, port in enumerate(c.serial.all_ports):
+            settings = LinkSettings(
+                port=port,
+                ids=ids[board],
+                baud=c.serial.baud,
+                rate_hz=c.serial.rate_hz,
+                fusion=FusionMode[c.serial.fusion],
+                acceleration=c.serial.acceleration,
+            )
+            self.links.append(BoardLink(settings, self, self._saved))
+        names = [f'link {board}' for board in range(len(self.links))] if len(self.links) > 1 else ['link']
+        self._diagnostics = [
+            LinkDiagnostics(self, link, name) for link, name in zip(self.links, names, strict=True)
+        ]
         self._service = self.create_service(Trigger, '~/read_offsets', self._read_all)
         self._timer = self.create_timer(1.0, self._publish_calibrations)
-        self._diagnostics = Diagnostics(self, c.serial.port, self._report)
-        self._thread = threading.Thread(target=self._run, name='board link', daemon=True)
-        self._thread.start()
+        for link in self.links:
+            link.start()
+
+    @property
+    def connected(self) -> bool:
+        """Whether all boards stream, as far as is known."""
+        return all(link.session.connected for link in self.links)
+
+    @property
+    def failure(self) -> Sesa2Error | None:
+        """Why a link could not be made at the start, or why the last one has ended; None while any can be kept."""
+        over = all(link.finished for link in self.links)
+        return next((link.failure for link in self.links if link.failure and (over or not link.was_up)), None)
+
+    @property
+    def finished(self) -> bool:
+        """Whether there is nothing more to come from any board, or never was from one."""
+        return self.failure is not None or all(link.finished for link in self.links)
+
+    def imus(self) -> dict[int, ImuStatus]:
+        """How each IMU was in the latest sweep of its board."""
+        return {i: imu for link in self.links for i, imu in link.session.imus().items()}
 
     def close(self) -> None:
-        """End the link and its thread."""
-        self.session.stop()
-        self._thread.join()
+        """End the links and their threads."""
+        for link in self.links:
+            link.session.stop()
+        for link in self.links:
+            link.close()
 
     def _load(self, c: Configuration) -> dict[int, Offsets]:
         """The saved offsets; a calibration that makes a new file may begin without one."""
@@ -103,34 +126,14 @@ class SerialBridge(rclpy.node.Node):
             self.get_logger().warning(f'{path} has no offsets of IMU {missing}: not calibrated')
         return calibration.offsets
 
-    def _run(self) -> None:
-        try:
-            self.session.connect()
-            self.session.run()
-        except Sesa2Error as error:
-            self.failure = error
-        finally:
-            self.finished = True
+    # Called by the links, each in its own thread
 
-    # Called by the session, in its thread
-
-    def on_data(self, data: Data, stamps_ns: list[int]) -> None:
-        """Publish a sweep, or keep it until its acceleration comes."""
-        if self._waiting:
-            self._publish(*self._waiting, None)
-        self._waiting = (data, stamps_ns) if self.configuration.serial.acceleration else None
-        if not self._waiting:
-            self._publish(data, stamps_ns, None)
+    def on_sweep(self, data: Data, stamps_ns: list[int], accelerations: NDArray[np.float64] | None) -> None:
+        """Publish a sweep of a board."""
+        self._publish(data, stamps_ns, accelerations)
         for i, scores in zip(data.sweep.ids, data.scores, strict=True):
             if self._scores.get(i) != scores:
                 self._take_scores(i, Scores(*scores))
-
-    def on_acceleration(self, acceleration: Acceleration, stamps_ns: list[int]) -> None:
-        """Publish the sweep that this acceleration belongs to."""
-        del stamps_ns
-        if self._waiting and self._waiting[0].sweep.seq == acceleration.sweep.seq:
-            self._publish(*self._waiting, acceleration.accelerations)
-            self._waiting = None
 
     def on_offsets(self, imu_id: int, offsets: Offsets) -> None:
         """Publish what was read from a chip."""
@@ -148,7 +151,7 @@ class SerialBridge(rclpy.node.Node):
         else:
             log.error(event.message)
 
-    def _publish(self, data: Data, stamps_ns: list[int], accelerations: np.ndarray | None) -> None:
+    def _publish(self, data: Data, stamps_ns: list[int], accelerations: NDArray[np.float64] | None) -> None:
         rows = zip(data.sweep.ids, stamps_ns, data.orientations, data.states, strict=True)
         for k, (i, stamp_ns, orientation, state) in enumerate(rows):
             if state is not State.RUN or not orientation.any():
@@ -165,8 +168,12 @@ class SerialBridge(rclpy.node.Node):
         fusion = self.configuration.serial.fusion
         newly = scores.complete(fusion) and not (before and before.complete(fusion))
         if newly and self.configuration.run.mode == 'calibrate':
-            self.session.submit(functools.partial(self._learn, imu)).add_done_callback(self._tell_failure)
+            self._submit(imu, self._learn).add_done_callback(self._tell_failure)
         self._publish_calibration(imu)
+
+    def _submit(self, imu: int, job: Callable[[int, Board], Any]) -> 'Future[Any]':
+        """Have the thread of an IMU's board do something with it."""
+        return self.links[address_of(imu).board].session.submit(functools.partial(job, imu))
 
     def _read(self, imu: int, board: Board) -> Offsets:
         """Read a chip's offsets and publish them."""
@@ -190,7 +197,7 @@ class SerialBridge(rclpy.node.Node):
         """`~/read_offsets`: read the offsets of every chip and publish them."""
         del request
         deadline = time.monotonic() + _OFFSETS_PATIENCE_S
-        reading = {i: self.session.submit(functools.partial(self._read, i)) for i in self._ids}
+        reading = {i: self._submit(i, self._read) for i in self._ids}
         failed = []
         for i, future in reading.items():
             try:
@@ -221,44 +228,6 @@ class SerialBridge(rclpy.node.Node):
             message.gyro_offset = np.array(offsets.gyro_offset, np.int16)
             message.accel_radius, message.mag_radius = offsets.accel_radius, offsets.mag_radius
         self._calibration_publishers[imu].publish(message)
-
-    def _report(self) -> list[Part]:
-        counters, before = self.session.counters(), self._shown
-        self._shown = counters
-        rate = counters.sweeps - before.sweeps
-        damaged = counters.frame_errors.total - before.frame_errors.total
-        lost = counters.lost_sweeps - before.lost_sweeps
-        level, text = OK, f'{rate} sweeps in the last second'
-        if not self.session.connected:
-            level, text = ERROR, 'no board streams on this port; trying again'
-        elif lost or damaged:
-            level, text = WARN, f'{text}, {lost} lost, {damaged} frames damaged'
-        hello = self.session.hello
-        values: dict[str, Any] = {k: v for k, v in vars(counters).items() if k != 'frame_errors'}
-        values |= {f'frame_errors_{k}': v for k, v in counters.frame_errors._asdict().items()}
-        if hello:
-            values['firmware'] = f'{hello.firmware_major}.{hello.firmware_minor}'
-        if stats := self.session.stats:
-            values |= {f'board_{k}': v for k, v in stats._asdict().items()}
-        imus = self.session.imus()
-        return [('link', level, text, values)] + [self._report_imu(i, imus.get(i)) for i in self._ids]
-
-    def _report_imu(self, imu: int, status: ImuStatus | None) -> Part:
-        if status is None:
-            return imu_name(imu), ERROR, 'not heard yet', {}
-        scores = Scores(*status.scores)
-        fusion = self.configuration.serial.fusion
-        values = {'state': status.state.name, 'errors': status.errors, **scores._asdict()}
-        values['offsets'] = status.offsets.value
-        if status.state is State.ABSENT:
-            return imu_name(imu), ERROR, 'does not answer: cable, power, multiplexer channel', values
-        if status.state is not State.RUN:
-            return imu_name(imu), WARN, 'starts', values
-        if status.offsets is OffsetsState.DIFFERENT:
-            return imu_name(imu), ERROR, 'works with other offsets than those saved', values
-        if fusion != 'IMU' and scores.mag == 0:
-            return imu_name(imu), WARN, 'magnetometer not calibrated: its heading means nothing', values
-        return imu_name(imu), OK, scores.next_step(fusion), values
 
 
 def main() -> int:

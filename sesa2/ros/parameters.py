@@ -70,5 +70,6 @@ def _describe(kind: Any, rule: Any) -> ParameterDescriptor:
                 FloatingPointRange(from_value=float(low), to_value=float(high))
             ]
         elif kind is int:
-            descriptor.integer_range = [IntegerRange(from_value=int(low), to_value=int(rule['high']), step=1)]
+            high = int(rule['high']) if rule['high'] is not None else 2**31 - 1
+            descriptor.integer_range = [IntegerRange(from_value=int(low), to_value=high, step=1)]
     return descriptor

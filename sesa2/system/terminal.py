@@ -1,16 +1,19 @@
 """One line a second on the terminal: what the system does, and how far it is from the truth where that is known."""
 
 import time
+from collections.abc import Mapping
 
 import numpy as np
 
 from sesa2.configuration import Configuration
+from sesa2.sensing.imu.addresses import CHANNELS
 from sesa2.shape.measured import Measured
 from sesa2.shape.models import create_model
 from sesa2.shape.rotations import FloatArray, conjugate, rotate
 from sesa2.system.wiring import System
 
 _PERIOD_S = 1.0
+_LOW = 0.9  # of the highest
 
 
 class Terminal:
@@ -56,12 +59,12 @@ class Terminal:
             return ''
         received = dict(estimator.received)
         elapsed = now - self._last
-        rates = [
-            max(0, received.get(i, 0) - self._received.get(i, 0)) / elapsed if elapsed else 0.0
+        rates = {
+            i: max(0, received.get(i, 0) - self._received.get(i, 0)) / elapsed if elapsed else 0.0
             for i in estimator.configuration.imus.ids
-        ]
+        }
         self._received = received
-        return 'Hz ' + ' '.join(f'{rate:.0f}' for rate in rates)
+        return f'Hz {_line(rates, ".0f")}'
 
     def _tips(self) -> str:
         estimator = self._system.estimator
@@ -77,10 +80,10 @@ class Terminal:
 
     def _true_tip(self, stamp_ns: int, c: Configuration) -> FloatArray | None:
         """Where the tip was that the virtual board plays, in the output frame; (3,), m."""
-        board = self._system.board
+        board = next(iter(self._system.boards), None)
         if board is None or c.run.trial:  # the arm of a trial is no arcs: its truth is in the trial
             return None
-        # Stamps are of the wall clock; the board knows the monotonic one.
+        # Stamps are of the wall clock; boards know the monotonic one. All of them play the same arm.
         monotonic_ns = stamp_ns - (time.time_ns() - time.monotonic_ns())
         orientations = board.truth(board.motion_time(monotonic_ns))[-len(c.imus.ids) :]
         tip = (
@@ -94,11 +97,25 @@ class Terminal:
         bridge = self._system.bridge
         if not bridge:
             return ''
-        counters = bridge.session.counters()
-        return f'lost {counters.lost_sweeps} sweeps, {counters.frame_errors.total} frames damaged'
+        counters = [link.session.counters() for link in bridge.links]
+        lost, damaged = (
+            sum(n) for n in zip(*((c.lost_sweeps, c.frame_errors.total) for c in counters), strict=True)
+        )
+        silent = [link.settings.port for link in bridge.links if not link.session.connected]
+        gone = f', no board on {" and ".join(silent)}' if silent and len(bridge.links) > 1 else ''
+        return f'lost {lost} sweeps, {damaged} frames damaged{gone}'
 
     def _scores(self) -> str:
         bridge = self._system.bridge
-        imus = bridge.session.imus() if bridge else {}
-        worst = [min(status.scores) for status in imus.values()]
-        return 'calibration ' + ' '.join(map(str, worst)) if worst else ''
+        worst = {i: min(status.scores) for i, status in bridge.imus().items()} if bridge else {}
+        return f'calibration {_line(worst, "d")}' if worst else ''
+
+
+def _line(values: Mapping[int, float], form: str) -> str:
+    """A value of each IMU; of more than fit on a line their span, and which are far below the others."""
+    if len(values) <= CHANNELS:
+        return ' '.join(f'{value:{form}}' for value in values.values())
+    least, most = min(values.values()), max(values.values())
+    low = ' '.join(str(imu_id) for imu_id, value in values.items() if value < _LOW * most)
+    span = f'{least:{form}}' if f'{least:{form}}' == f'{most:{form}}' else f'{least:{form}} to {most:{form}}'
+    return f'{span} of {len(values)}' + (f', low: IMU {low}' if low else '')

@@ -1,5 +1,6 @@
-"""The virtual board that belongs to a configuration."""
+"""The virtual boards that belong to a configuration."""
 
+import time
 from pathlib import Path
 
 import numpy as np
@@ -11,12 +12,13 @@ from sesa2.errors import Sesa2Error
 from sesa2.link.virtual.motion import ArmMotion, Motion
 from sesa2.link.virtual.virtual_arm import VirtualArm
 from sesa2.link.virtual.virtual_board import VirtualBoard
+from sesa2.sensing.imu.addresses import ids_by_board
 from sesa2.shape.rotations import FloatArray
 from sesa2.twin.trial import Trial
 
 
-def make_virtual_board(c: Configuration, link: Path | None = None) -> VirtualBoard:
-    """A virtual board with the configuration's IMUs, on a plausible arm that moves.
+def make_virtual_boards(c: Configuration, link: Path | None = None) -> list[VirtualBoard]:
+    """As many virtual boards as the configuration's IMUs need, on one plausible arm that moves.
 
     Parameters
     ----------
@@ -24,7 +26,7 @@ def make_virtual_board(c: Configuration, link: Path | None = None) -> VirtualBoa
         its IMUs, mountings and headings; what the estimator corrects is what the board plays. With `run.trial`, the
         motion of that trial.
     link
-        name to give the pseudo-terminal.
+        name to give the pseudo-terminal; of several, the others have this one with 2, 3, … after it.
     """
     ids, positions, mountings, headings = c.imus.ids, c.imus.positions, c.mountings, c.headings
     if c.imus.base_id:  # a chip on the clamp too, the first
@@ -33,7 +35,17 @@ def make_virtual_board(c: Configuration, link: Path | None = None) -> VirtualBoa
         headings = np.concatenate([[0.0], headings])
     motion = _recorded(c) if c.run.trial else ArmMotion(positions, c.base)
     arm = VirtualArm(ids, motion, mount_orientations=mountings, headings=headings)
-    return VirtualBoard(arm, link=link)
+    count, epoch_ns = 1 + max(ids_by_board(arm.ids)), time.monotonic_ns()
+    links = [link and link.with_name(f'{link.name}{k + 1 if k else ""}') for k in range(count)]
+    boards: list[VirtualBoard] = []
+    try:
+        for number, own in enumerate(links):
+            boards.append(VirtualBoard(arm, number=number, epoch_ns=epoch_ns, link=own))
+    except Sesa2Error:
+        for board in boards:
+            board.close()
+        raise
+    return boards
 
 
 def _recorded(c: Configuration) -> Motion:

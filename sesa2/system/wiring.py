@@ -21,7 +21,7 @@ from sesa2.nodes.recorder import Recorder
 from sesa2.nodes.serial_bridge import SerialBridge
 from sesa2.ros.parameters import overrides
 from sesa2.ros.spinning import Spinner
-from sesa2.system.virtual_source import make_virtual_board
+from sesa2.system.virtual_source import make_virtual_boards
 
 _Node = TypeVar('_Node', bound=Node)
 
@@ -41,8 +41,8 @@ class System:
     ----------
     nodes
         those that run now.
-    board
-        the virtual board, where the source is `sim`.
+    boards
+        the virtual boards, where the source is `sim`.
     configuration
         of what runs, or ran last; None before the first start.
     """
@@ -51,7 +51,7 @@ class System:
         self._spinner = spinner
         self._options: dict[str, Any] = {}
         self.nodes: list[Node] = []
-        self.board: VirtualBoard | None = None
+        self.boards: list[VirtualBoard] = []
         self.configuration: Configuration | None = None
 
     @property
@@ -75,8 +75,8 @@ class System:
         self.configuration = configuration
         try:
             if configuration.run.source == 'sim':
-                self.board = make_virtual_board(configuration)
-                serial = replace(configuration.serial, port=self.board.path)
+                self.boards = make_virtual_boards(configuration)
+                serial = configuration.serial.on([board.path for board in self.boards])
                 configuration = replace(configuration, serial=serial)
             if configuration.run.source == 'bag':
                 # Seen before the recorder makes a bag that nothing would go into.
@@ -99,7 +99,7 @@ class System:
         """
         bridge, player, deadline = self.bridge, self._running(Player), time.monotonic() + _BOARD_PATIENCE_S
         while time.monotonic() < deadline and (
-            (bridge and not (bridge.session.connected or bridge.finished))
+            (bridge and not (bridge.connected or bridge.finished))
             or (player and not (player.n_played or player.finished or player.failure))
         ):
             time.sleep(0.02)
@@ -111,9 +111,8 @@ class System:
         """End all nodes, the last started first."""
         while self.nodes:
             self._spinner.remove(self.nodes.pop())
-        if self.board:
-            self.board.close()
-            self.board = None
+        while self.boards:
+            self.boards.pop().close()
 
     def record(self, file: str) -> Path:
         """Start recording into a new bag; its path.

@@ -63,8 +63,10 @@ class Field:
     def value(self) -> Any:
         """What stands in the input; what cannot be read stays a text, for validation to say so."""
         raw = self._input.value
-        if not isinstance(raw, str) or self._entry is str:
-            return raw.strip() if isinstance(raw, str) else raw
+        if not isinstance(raw, str):
+            return raw
+        if self._entry is str:
+            return raw.split() if self._several else raw.strip()
         if not self._several:
             return _number(raw, self._entry)
         words = [w for w in re.split(r'[,\s]+', raw.strip(' \t[]')) if w]

@@ -19,6 +19,7 @@ _RUN = {
     },
     'Board': {
         'serial.port': 'port',
+        'serial.ports': 'or ports of several',
         'serial.baud': 'baud rate',
         'serial.rate_hz': 'sweeps per s',
         'serial.fusion': 'fusion mode',
@@ -232,7 +233,7 @@ class Form:
 
         def further() -> tuple[Any, ...]:
             used = {f.value for f in self._fields if f.path == 'imus.ids'}
-            free = next((i for i in range(1, 9) if i not in used), 8)
+            free = next(i for i in count(1) if i not in used)
             return free, c.arm.length, True, 2, (0.0, 0.0, 0.0, 1.0), 0.0
 
         self._add_rows(folder, 'IMU', rows, row, further, least=1)

@@ -29,12 +29,10 @@ def state_html(live: Live, steerable: bool) -> str:
         facts.append(sweeps.message)
     if estimator and live.latency_s is not None and abs(live.latency_s) < 10.0:
         facts.append(f'{1e3 * live.latency_s:.1f} ms late')
-    if link := bridge.get('link'):
-        facts.append(f'{link.values.get("lost_sweeps", "0")} lost')
-        damaged = sum(
-            int(n) for key, n in link.values.items() if key.startswith('frame_errors_') and n.isdigit()
-        )
-        facts.append(f'{damaged} damaged')
+    if links := [part for name, part in bridge.items() if name.split()[0] == 'link']:
+        counts = [(key, int(n)) for link in links for key, n in link.values.items() if n.isdigit()]
+        facts.append(f'{sum(n for key, n in counts if key == "lost_sweeps")} lost')
+        facts.append(f'{sum(n for key, n in counts if key.startswith("frame_errors_"))} damaged')
     second = ' · '.join(map(escape, facts)) or '&nbsp;'
     if not steerable:
         second += '<br>View only: no <code>sesa2 run</code> is here to be steered.'

@@ -8,6 +8,7 @@ import pytest
 import yaml
 
 from sesa2.configuration import ConfigurationError, files, validate
+from sesa2.configuration.description import describe
 from sesa2.configuration.records import leaves
 
 CONFIG = Path(__file__).parents[2] / 'config'
@@ -84,7 +85,35 @@ def test_defaults_are_filled_in_per_imu():
         ({'imus__positions': [0.1, 0.4]}, 'imus.positions[1]: 0.4 m is beyond the tip at 0.3 m'),
         ({'imus__positions': [0.1]}, 'imus.positions: has 1 entries, expected 2: one per id'),
         ({'imus__ids': [2, 2]}, 'imus.ids[1]: got 2 a second time'),
-        ({'imus__ids': [2, 9]}, 'imus.ids[1]: got 9, expected 1 to 8'),
+        (
+            {'imus__ids': [2, 9]},
+            'imus.ids[1]: got 9, expected 1 to 8: 8 on each board, and serial.ports says where several are',
+        ),
+        (
+            {'imus__ids': [2, 17], 'serial__ports': ['/dev/a', '/dev/b']},
+            'imus.ids[1]: got 17, expected 1 to 16: 8 on each board, and serial.ports says where several are',
+        ),
+        (
+            {'imus__base_id': 9},
+            'imus.base_id: got 9, expected 1 to 8: 8 on each board, and serial.ports says where several are',
+        ),
+        ({'imus__ids': [0, 2]}, 'imus.ids[0]: got 0, expected at least 1'),
+        (
+            {'serial__ports': ['/dev/a', '/dev/b']},
+            'serial.ports[1]: has no IMU, expected one of the ids 9 to 16 in imus.ids',
+        ),
+        (
+            {'serial__ports': ['/dev/a', '/dev/a'], 'imus__ids': [2, 9]},
+            "serial.ports[1]: got '/dev/a' a second time",
+        ),
+        (
+            {'serial__ports': ['/dev/a', '/dev/b'], 'serial__port': '/dev/c', 'imus__ids': [2, 9]},
+            'serial.port: stands beside serial.ports, expected one of the two: port for one board, ports for several',
+        ),
+        (
+            {'serial': {'port': ''}, 'run': {'source': 'serial'}},
+            'serial.port: is empty, expected a serial port',
+        ),
         ({'imus__ids': [2, 5.0]}, 'imus.ids[1]: got 5.0, expected an integer'),
         (
             {'imus__enabled': [False, False]},
@@ -128,7 +157,7 @@ def test_a_mistake_is_named(changes, expected):
 
 
 def test_all_mistakes_come_at_once():
-    found = mistakes(arm__lenght=1.0, imus__ids=[1, 99], models=['x'], sweep_timeout=0.0)
+    found = mistakes(arm__lenght=1.0, imus__ids=[1, 0], models=['x'], sweep_timeout=0.0)
     assert len(found) == 4
 
 
@@ -187,3 +216,24 @@ def test_a_missing_file_lists_the_shipped_ones(tmp_path):
 def test_mountings_are_normalised():
     c = validate(values(imus__mount_orientations=[0.0, 0.0, 0.0, 1.0, 0.71, 0.0, 0.0, 0.71]))
     np.testing.assert_allclose(c.mountings, [[0, 0, 0, 1], [0.5**0.5, 0, 0, 0.5**0.5]])
+
+
+def test_ids_have_no_end_where_no_board_is_asked(tmp_path):
+    for run in ({'source': 'external'}, {'source': 'bag', 'bag': 'some'}):
+        c = validate(values(imus__ids=[300, 9], imus__base_id=1000, run=run))
+        assert c.imus.all_ids == (300, 9, 1000)
+        assert 'channel' not in describe(c)
+
+
+def test_ports_of_several_boards_stand_in_place_of_the_one(tmp_path):
+    c = validate(values(imus__ids=[12, 5], serial__ports=['/dev/a', '/dev/b']))
+    assert c.serial.port == ''
+    assert c.serial.all_ports == ('/dev/a', '/dev/b')
+    assert files.parse(files.dump(c), 'again') == c
+    lines = [line.split()[:3] for line in describe(c).splitlines()]
+    assert ['id', 'port', 'channel'] in lines
+    assert ['12', '/dev/b', '3'] in lines
+    assert ['5', '/dev/a', '4'] in lines
+    assert c.serial.on(['/dev/x']).all_ports == ('/dev/x',)
+    assert c.serial.on(['/dev/x', '/dev/y']).all_ports == ('/dev/x', '/dev/y')
+    assert validate(values()).serial.all_ports == ('/dev/ttyACM0',)

@@ -282,8 +282,8 @@ class BridgeBench:
 
     def settled(self) -> bool:
         """Whether all IMUs run, with offsets that were read and compared."""
-        imus = self.bridge.session.imus().values()
-        return self.bridge.session.connected and [(imu.state, imu.offsets) for imu in imus] == [
+        imus = self.bridge.links[0].session.imus().values()
+        return self.bridge.links[0].session.connected and [(imu.state, imu.offsets) for imu in imus] == [
             (State.RUN, OffsetsState.AS_SAVED) for _ in IDS
         ]
 
@@ -311,7 +311,7 @@ class BridgeBench:
     def report(self) -> dict[str, Part]:
         """What /diagnostics says now, while simulated time stands still."""
         now_ns = self.bridge.get_clock().now().nanoseconds
-        self.bridge._diagnostics.publish()
+        self.bridge._diagnostics[0].publish()
         self.graph.until(lambda: self.reports and self.reports[-1].stamp_ns >= now_ns, 'diagnostics')
         return self.reports[-1].parts
 

@@ -21,7 +21,7 @@ def others(imu_id):
 
 
 def state_of(bench, imu_id):
-    return bench.bridge.session.imus()[imu_id].state
+    return bench.bridge.links[0].session.imus()[imu_id].state
 
 
 def assert_unharmed(bench, imu_ids, since_s):
@@ -33,7 +33,7 @@ def assert_unharmed(bench, imu_ids, since_s):
             x, y, z, w = (int(value * 16384) for value in packet.orientations[i - 1])
             assert (w, x, y, z) == QUATERNIONS[i], f'IMU {i}, sweep {packet.sweep.seq}'
     bench.assert_all_published()
-    assert bench.bridge.session.counters().lost_sweeps == 0
+    assert bench.bridge.links[0].session.counters().lost_sweeps == 0
 
 
 def offsets_read(bench, since_s):
@@ -64,7 +64,7 @@ def test_an_imu_is_unplugged_and_replugged(bridge_bench):
     back_s = bridge_bench.timeline.now_s
     bridge_bench.simulated.command('plug', 3)
     assert bridge_bench.simulated.registers(3, 0x55, 22) == bytes(22)
-    bridge_bench.until(lambda: bridge_bench.bridge.session.counters().comebacks, 'a comeback')
+    bridge_bench.until(lambda: bridge_bench.bridge.links[0].session.counters().comebacks, 'a comeback')
     bridge_bench.run(0.2)
     assert offsets_read(bridge_bench, back_s) == [SAVED[4]]
     bridge_bench.assert_offsets_on_chips()
@@ -85,7 +85,7 @@ def test_a_power_blip_of_one_chip(bridge_bench):
     bridge_bench.start()
     blip_s = bridge_bench.timeline.now_s
     bridge_bench.simulated.command('blip', 5)
-    bridge_bench.until(lambda: bridge_bench.bridge.session.counters().comebacks, 'a comeback')
+    bridge_bench.until(lambda: bridge_bench.bridge.links[0].session.counters().comebacks, 'a comeback')
     bridge_bench.run(0.2)
     assert offsets_read(bridge_bench, blip_s) == [SAVED[6]]
     bridge_bench.assert_offsets_on_chips()
@@ -104,7 +104,9 @@ def test_the_multiplexer_is_unplugged_and_replugged(bridge_bench):
     assert {report[f'imu_{i}'][0] for i in IDS} == {ERROR}
     assert report['link'][0] == OK  # the board streams: that there is nothing
     bridge_bench.simulated.command('plug', 'multiplexer')
-    bridge_bench.until(lambda: bridge_bench.bridge.session.counters().comebacks == 8, 'all comebacks')
+    bridge_bench.until(
+        lambda: bridge_bench.bridge.links[0].session.counters().comebacks == 8, 'all comebacks'
+    )
     bridge_bench.run(0.2)
     assert offsets_read(bridge_bench, out_s) == list(SAVED.values())
     bridge_bench.assert_offsets_on_chips()
@@ -127,7 +129,9 @@ def test_a_stuck_bus(bridge_bench, line):
     assert int(report['link'][2]['board_bus_recoveries']) > 0
     assert min(int(report[f'imu_{i}'][2]['errors']) for i in IDS) > 0
     bridge_bench.simulated.command('release', 'trunk')
-    bridge_bench.until(lambda: bridge_bench.bridge.session.counters().comebacks == 8, 'all comebacks')
+    bridge_bench.until(
+        lambda: bridge_bench.bridge.links[0].session.counters().comebacks == 8, 'all comebacks'
+    )
     bridge_bench.run(0.2)
     assert offsets_read(bridge_bench, stuck_s) == list(SAVED.values())
     bridge_bench.assert_offsets_on_chips()
@@ -145,7 +149,7 @@ def test_a_chip_that_holds_its_line(bridge_bench):
     assert report['imu_3'][0] == ERROR
     assert {report[f'imu_{i}'][2]['state'] for i in others(3)} == {'RUN'}
     bridge_bench.simulated.command('release', 2)
-    bridge_bench.until(lambda: bridge_bench.bridge.session.counters().comebacks, 'a comeback')
+    bridge_bench.until(lambda: bridge_bench.bridge.links[0].session.counters().comebacks, 'a comeback')
     bridge_bench.run(0.2)
     assert bridge_bench.settled()
     assert_unharmed(bridge_bench, [], held_s)
@@ -158,7 +162,9 @@ def test_a_chip_that_does_not_take_its_offsets(bridge_bench):
     """It measures, but its heading may be wrong: the user is to know."""
     bridge_bench.simulated.command('refuse', 6, 1)
     bridge_bench.start(streaming=False)
-    bridge_bench.until(lambda: bridge_bench.bridge.session.counters().offset_differences, 'a difference')
+    bridge_bench.until(
+        lambda: bridge_bench.bridge.links[0].session.counters().offset_differences, 'a difference'
+    )
     bridge_bench.run(1.5)
     report = bridge_bench.report()
     assert report['imu_7'][:2] == (ERROR, 'works with other offsets than those saved')
@@ -182,7 +188,7 @@ def test_an_imu_that_is_not_there_at_the_start(bridge_bench):
 
 
 def state_of_all(bench):
-    return [imu.state for imu in bench.bridge.session.imus().values()]
+    return [imu.state for imu in bench.bridge.links[0].session.imus().values()]
 
 
 class Damage:
@@ -209,7 +215,7 @@ def test_garbage_from_the_board(bridge_bench):
     """What is damaged is dropped, counted and shown; what is published is right."""
     bridge_bench.start()
     start_s = bridge_bench.timeline.now_s
-    counted = bridge_bench.bridge.session.counters().sweeps
+    counted = bridge_bench.bridge.links[0].session.counters().sweeps
     bridge_bench.timeline.damage = Damage(1, 0.05)
     bridge_bench.run(5.0)
     bridge_bench.timeline.damage = lambda portion: portion

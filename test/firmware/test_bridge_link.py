@@ -105,7 +105,7 @@ def test_a_reset_of_the_board(bridge_bench):
     for count in (1, 2):
         reset_s = bridge_bench.timeline.now_s
         bridge_bench.simulated.command('reset')
-        bridge_bench.until(lambda: not bridge_bench.bridge.session.connected, 'a noticed reset')
+        bridge_bench.until(lambda: not bridge_bench.bridge.links[0].session.connected, 'a noticed reset')
         bridge_bench.until(lambda since=reset_s: bridge_bench.replies(Command.HELLO, since), 'HELLO')
         assert_set_up_again(bridge_bench, reset_s)
         assert_healthy(bridge_bench, board_resets=count)
@@ -137,7 +137,7 @@ def test_a_pulled_cable(bridge_bench, out_s, resets):
     for count in (1, 2):
         pulled_s = bridge_bench.timeline.now_s
         bridge_bench.simulated.command('cable', 0)
-        bridge_bench.graph.until(lambda: not bridge_bench.bridge.session.connected, 'a noticed pull')
+        bridge_bench.graph.until(lambda: not bridge_bench.bridge.links[0].session.connected, 'a noticed pull')
         if out_s:
             level, text, _ = bridge_bench.report()['link']
             assert (level, text) == (ERROR, 'no board streams on this port; trying again')
@@ -147,8 +147,8 @@ def test_a_pulled_cable(bridge_bench, out_s, resets):
         bridge_bench.simulated.command('cable', 1)
         bridge_bench.until(lambda since=pulled_s: bridge_bench.replies(Command.HELLO, since), 'HELLO')
         assert_set_up_again(bridge_bench, pulled_s)
-        assert bridge_bench.bridge.session.counters().reconnects == count
-    counters = bridge_bench.bridge.session.counters()
+        assert bridge_bench.bridge.links[0].session.counters().reconnects == count
+    counters = bridge_bench.bridge.links[0].session.counters()
     assert counters.board_resets == 2 * resets
     assert counters.lost_sweeps == counters.offset_differences == counters.comebacks == 0
     assert counters.silent_s == pytest.approx(silence(bridge_bench), abs=0.005)
@@ -159,7 +159,7 @@ def test_a_port_that_another_program_takes_while_the_cable_is_out(bridge_bench):
     bridge_bench.start()
     pulled_s = bridge_bench.timeline.now_s
     bridge_bench.simulated.command('cable', 0)
-    bridge_bench.graph.until(lambda: not bridge_bench.bridge.session.connected, 'a noticed pull')
+    bridge_bench.graph.until(lambda: not bridge_bench.bridge.links[0].session.connected, 'a noticed pull')
     # Under another name first, so that the other program is there before the bridge.
     bridge_bench.port.unlink()
     bridge_bench.simulated.command('cable', 1)
@@ -173,7 +173,7 @@ def test_a_port_that_another_program_takes_while_the_cable_is_out(bridge_bench):
     other.close()
     bridge_bench.until(lambda: bridge_bench.replies(Command.HELLO, pulled_s), 'HELLO')
     assert_set_up_again(bridge_bench, pulled_s)
-    assert bridge_bench.bridge.session.counters().reconnects == 1
+    assert bridge_bench.bridge.links[0].session.counters().reconnects == 1
     assert len([line for line in logs if 'is held by another program' in line]) == 1  # said once, tried often
     bridge_bench.assert_all_published()
 
@@ -217,7 +217,7 @@ def test_a_board_of_another_version_that_is_plugged_in_later(bridge_bench, board
     first = bridge_bench.simulated
     bridge_bench.port.unlink()
     first.command('cable', 0)
-    bridge_bench.graph.until(lambda: not bridge.session.connected, 'a noticed pull')
+    bridge_bench.graph.until(lambda: not bridge.links[0].session.connected, 'a noticed pull')
     bridge_bench.put_on_port(board_of_version_2)
     bridge_bench.until(lambda: bridge.finished, 'its end')
     assert isinstance(bridge.failure, ProtocolVersionError)

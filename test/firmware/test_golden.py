@@ -2,35 +2,13 @@
 
 import struct
 from binascii import crc_hqx
-from configparser import ConfigParser, SectionProxy
-from pathlib import Path
+from configparser import SectionProxy
 
 import pytest
 from cobs import cobs
+from golden_packets import PACKETS, names, number, numbers
 
-GOLDEN = Path(__file__).parents[2] / 'firmware' / 'test' / 'golden_packets.txt'
 OK = 0
-
-
-def read_golden() -> ConfigParser:
-    golden = ConfigParser(interpolation=None, comment_prefixes=('#',))
-    golden.read(GOLDEN, encoding='utf-8')
-    return golden
-
-
-PACKETS = read_golden()
-
-
-def names(*kinds: str) -> list[str]:
-    return [name for name in PACKETS.sections() if PACKETS[name]['kind'] in kinds]
-
-
-def number(packet: SectionProxy, key: str) -> int:
-    return int(packet[key], 0)
-
-
-def numbers(packet: SectionProxy, key: str) -> list[int]:
-    return [int(word, 0) for word in packet[key].split()]
 
 
 def sweep_body(packet: SectionProxy, kind: int, entry: str) -> bytes:

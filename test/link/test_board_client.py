@@ -1,11 +1,15 @@
+import numpy as np
 import pytest
 
 from sesa2.link.board_client import Board
 from sesa2.link.framing import encode_frame
 from sesa2.link.link_errors import CommandError, LinkError, ProtocolVersionError
-from sesa2.link.packets import State, mask_of
+from sesa2.link.packets import State
 from sesa2.link.requests import BoardConfiguration, FusionMode, Stream
 from sesa2.link.serial_port import SerialPort
+from sesa2.link.virtual.motion import ArmMotion
+from sesa2.link.virtual.virtual_arm import VirtualArm
+from sesa2.sensing.imu.addresses import mask_of
 from sesa2.sensing.imu.bno055.offsets import Offsets
 
 OFFSETS = Offsets((1, 2, 3), (4, 5, 6), (7, 8, 9), 10, 11)
@@ -94,13 +98,12 @@ def test_hello_waits_for_the_boot(connect):
 
 
 def test_a_busy_chip_is_waited_for(connect):
-    virtual, board, packets = connect()
+    _, board, packets = connect()
     start(board, packets)
-    virtual.unplug(2)
-    poll(board, lambda: packets[-1][0].states[1] is State.ABSENT)
-    virtual.plug(2)
     assert board.write_offsets(2, OFFSETS)
+    assert packets[-1][0].states[1] is not State.RUN
     assert board.read_offsets(2) == OFFSETS
+    assert board.retries == 0
 
 
 def test_absent(connect):
@@ -122,7 +125,8 @@ def test_bad_argument(connect):
 
 def test_another_version_is_named(connect):
     _, board, _ = connect(version=7)
-    with pytest.raises(ProtocolVersionError, match=r'speaks protocol version 7, this package version 1'):
+    told = r'speaks protocol version 7, this package version 1; .*make -C firmware upload'
+    with pytest.raises(ProtocolVersionError, match=told):
         board.hello()
 
 
@@ -147,7 +151,7 @@ def test_a_wrong_baud_rate_is_guessed(connect):
 def test_a_device_that_says_something_else(connect, monkeypatch):
     virtual, board, _ = connect()
     monkeypatch.setattr(virtual._firmware, 'advance', lambda now_us: [b'G'])
-    with pytest.raises(LinkError, match='no reply: is it a sesa2 board'):
+    with pytest.raises(LinkError, match=r'no reply: is this package.*make -C firmware upload'):
         board.hello(patience_s=0.3)
 
 
@@ -157,6 +161,26 @@ def test_intact_frames_that_are_no_packets_are_counted(connect, monkeypatch):
     monkeypatch.setattr(virtual._firmware, 'advance', lambda now_us: [frames.pop()] if frames else [])
     virtual.unmute()  # wakes it
     poll(board, lambda: board.malformed == 3)
+
+
+def test_the_second_board_has_the_ids_from_9_on(make_board):
+    virtual = make_board(arm=VirtualArm((2, 9, 11), ArmMotion(np.arange(1, 4) * 0.1)), number=1)
+    port = SerialPort(virtual.path, 500_000)
+    packets = []
+    board = Board(port, lambda packet, _: packets.append(packet), number=1)
+    assert board.hello().channels == 0b101
+    board.write_offsets(11, OFFSETS)
+    board.configure(BoardConfiguration(mask_of((9, 11)), 100, FusionMode.NDOF, 0))
+    board.stream(Stream.QUATERNIONS)
+    poll(board, lambda: packets and packets[-1].states == [State.RUN] * 2)
+    assert packets[-1].sweep.ids == (9, 11)
+    assert board.read_offsets(11) == OFFSETS
+    assert board.read_offsets(9) != OFFSETS
+    with pytest.raises(CommandError, match='READ_OFFSETS of IMU 10: the chip is absent'):
+        board.read_offsets(10)
+    with pytest.raises(CommandError, match='IMU 2 is on board 0, and this is board 1'):
+        board.write_offsets(2, OFFSETS)
+    port.close()
 
 
 def test_cable_pulled_while_a_command_waits(connect):

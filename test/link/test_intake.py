@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from sesa2.link.intake import Intake
-from sesa2.link.packets import Acceleration, Data, State, SweepHeader, mask_of
+from sesa2.link.packets import Acceleration, Data, State, SweepHeader
 from sesa2.link.status import Counters
+from sesa2.sensing.imu.addresses import mask_of
 
 IDS = (1, 3, 4, 8)
 BAUD = 500_000

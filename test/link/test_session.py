@@ -11,6 +11,8 @@ from sesa2.link.requests import Command, FusionMode, Hello, Result
 from sesa2.link.serial_port import SerialPort
 from sesa2.link.session import LinkSettings, Session
 from sesa2.link.status import Level, OffsetsState
+from sesa2.link.virtual.motion import ArmMotion
+from sesa2.link.virtual.virtual_arm import VirtualArm
 from sesa2.sensing.imu.bno055.offsets import Offsets
 
 IDS = (1, 2, 3, 4)
@@ -410,3 +412,45 @@ def test_the_board_is_silent_after_the_end(make_board, recorder, tmp_path):
     session.stop()
     thread.join(30)
     recorder.wait(lambda: virtual._firmware._flags == 0)
+
+
+def test_an_older_firmware_is_told_of_and_used(make_board, make_session, recorder):
+    make_board(release=(0, 9))
+    session = make_session()
+    recorder.wait_for_sweeps(10)
+    [message] = [m for m in recorder.messages(Level.WARN) if 'firmware' in m]
+    assert 'the board has firmware 0.9, this package comes with 1.0' in message
+    assert '(make -C firmware upload)' in message
+    assert session.hello.outdated
+
+
+@pytest.mark.parametrize('release', [(1, 0), (1, 1), (2, 0)])
+def test_a_firmware_that_is_not_older_is_not_told_of(make_board, make_session, recorder, release):
+    make_board(release=release)
+    make_session()
+    recorder.wait_for_sweeps(10)
+    assert not [m for m in recorder.messages(Level.WARN) if 'firmware' in m]
+
+
+def test_a_session_of_the_second_board(make_board, recorder):
+    ids = (9, 10, 12)
+    virtual = make_board(arm=VirtualArm(ids, ArmMotion([0.1, 0.2, 0.3])), number=1)
+    saved = {imu_id: Offsets((imu_id, 2, 3), (4, 5, 6), (7, 8, 9), 1000, 480) for imu_id in (1, 2, 9, 12)}
+    session = Session(LinkSettings(virtual.path, ids), recorder, saved)
+    session.connect()
+    thread = threading.Thread(target=session.run)
+    thread.start()
+    recorder.wait(lambda: len(session.imus()) == 3 and states(session) == [State.RUN] * 3)
+    assert {imu_id: imu.offsets for imu_id, imu in session.imus().items()} == {
+        9: OffsetsState.AS_SAVED,
+        10: OffsetsState.NONE_SAVED,
+        12: OffsetsState.AS_SAVED,
+    }
+    assert dict(recorder.offsets) == {9: saved[9], 12: saved[12]}
+    assert recorder.data[-1][0].sweep.ids == ids
+    virtual.unplug(10)
+    recorder.wait_for_event('IMU 10 does not answer')
+    virtual.plug(10)
+    recorder.wait_for_event('IMU 10 is back')
+    session.stop()
+    thread.join(30)

@@ -225,5 +225,5 @@ def test_every_sweep_gives_a_result_or_is_counted_as_lost(graph, configured, boa
     assert (np.diff(stamps) > 0).all()
     # Just after discovery the first messages of one topic may be missing.
     missing = (np.rint(np.diff(stamps[20:]) / 10e6) - 1).sum()
-    assert missing <= live.bridge.session.counters().lost_sweeps
+    assert missing <= live.bridge.links[0].session.counters().lost_sweeps
     assert live.estimator.assembler.resets == 0

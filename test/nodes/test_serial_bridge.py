@@ -213,7 +213,9 @@ def test_a_value_beyond_int16_is_refused_with_its_place(graph, bridge_on, still_
         bridge_on(still_board.path, calibration={'file': str(file)})
 
 
-def test_offsets_are_read_on_demand(graph, bridge_on, still_board):
+def test_offsets_are_read_on_demand(graph, bridge_on, boards):
+    # Scores that rise would take what was read back at once, and a latched topic keeps one message.
+    still_board = boards(arm_of(validate(values('')), halted(STILL)), boot_s=0.2, calibration_s=3600.0)
     bridge_on(still_board.path)
     heard = {i: graph.listen(ImuCalibration, f'imu_{i}/calibration', LATCHED) for i in IDS}
     graph.until(lambda: all(heard.values()), 'scores of each')

@@ -83,7 +83,7 @@ class SteeredSystem:
             self.node.look_after()
 
     def _play(self):
-        if self.system.board or not self.system.nodes:
+        if self.system.boards or not self.system.nodes:
             return
         now_ns = time.time_ns()
         if self.truth:

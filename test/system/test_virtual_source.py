@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from sesa2.configuration import validate
-from sesa2.system.virtual_source import make_virtual_board
+from sesa2.system.virtual_source import make_virtual_boards
 
 BASE = Rotation.from_rotvec([0.8, -0.6, 0.3])
 ON_BASE = Rotation.from_rotvec([0.1, 2.2, -0.7])  # q_BS
@@ -29,7 +29,8 @@ def test_mountings_and_headings_are_those_that_the_estimator_takes_off(base_id):
         }
     )
     t = 12.3
-    with make_virtual_board(c) as board:
+    [board] = make_virtual_boards(c)
+    with board:
         links = Rotation.from_quat(board.truth(t)[-2:])
         ids = c.imus.all_ids
         got = board.arm.orientations(ids, np.full(len(ids), t), np.zeros(len(ids)))

@@ -35,6 +35,14 @@ def test_the_state_is_what_the_nodes_say():
     assert 'calibrating' in state_html(live(serial_bridge__link=(0, 'ok', {})), True)
 
 
+def test_losses_of_several_boards_are_added_up():
+    counts = {'lost_sweeps': '3', 'frame_errors_crc': '1'}
+    several = live(**{f'serial_bridge__link {k}': (0, 'ok', counts) for k in (0, 1)})
+    text = state_html(several, True)
+    assert '6 lost' in text
+    assert '2 damaged' in text
+
+
 def test_what_was_said_long_ago_does_not_count():
     old = live(estimator__sweeps=(0, '99.8 Hz', {}))
     old.diagnostics = {name: d._replace(heard=d.heard - 60.0) for name, d in old.diagnostics.items()}

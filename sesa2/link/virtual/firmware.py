@@ -16,9 +16,9 @@ from sesa2.link.packets import (
     SweepHeader,
     encode_acceleration,
     encode_data,
-    ids_of,
 )
 from sesa2.link.requests import (
+    FIRMWARE,
     BoardConfiguration,
     Command,
     FusionMode,
@@ -34,10 +34,13 @@ from sesa2.link.virtual.channel import NEVER, Channel
 from sesa2.link.virtual.chip import Chip
 from sesa2.link.virtual.motion import FloatArray
 from sesa2.link.virtual.virtual_arm import accelerations
+from sesa2.sensing.imu.addresses import CHANNELS, ids_of, imu_id_at, mask_of
 
-FIRMWARE = (1, 0)
 _READ_IMU_US = {0: 525, 1: 1_475}  # one IMU's share of a sweep at 400 and at 100 kHz
 _AHEAD = 16
+POWER_ON, EXTERNAL_RESET = 0x01, 0x02
+
+_ABOUT_ONE = (Command.WRITE_OFFSETS, Command.READ_OFFSETS, Command.RESET_IMU)
 
 Measure = Callable[[Sequence[int], FloatArray, FloatArray], FloatArray]
 """Takes n ids, times since the board started, shape (m, n), µs, and n headings, rad; gives q_WS, shape (m, n, 4)."""
@@ -49,15 +52,19 @@ class Firmware:
     Parameters
     ----------
     chips
-        By id; channels without one are empty. Their power and memory outlive the board's.
+        By id, all of this board; channels without one are empty. Their power and memory outlive the board's.
     measure
         What the chips measure.
     born_us
         Time of the chips' world at the start of the board, µs.
     baud
         Of the line: a packet is due when its last bit has left.
-    version
-        Protocol version to claim.
+    board
+        Which board it is, from 0.
+    version, release
+        Protocol version and firmware version to claim.
+    reset_cause
+        Register MCUSR: `POWER_ON` or `EXTERNAL_RESET`.
     """
 
     def __init__(
@@ -67,15 +74,22 @@ class Firmware:
         *,
         born_us: int = 0,
         baud: int = 500_000,
+        board: int = 0,
         version: int = VERSION,
+        release: tuple[int, int] = FIRMWARE,
+        reset_cause: int = POWER_ON,
     ) -> None:
         self._chips = chips
         self._measure = measure
         self._born_us = born_us
         self._bit_us = 1e6 / baud
+        self._board = board
         self._version = version
+        self._release = release
+        self._reset_cause = reset_cause
         self._decoder = FrameDecoder()
-        self._channels = {i: Channel(chips.get(i), born_us, self._reply) for i in ids_of(0xFF)}
+        ids = [imu_id_at(board, channel) for channel in range(CHANNELS)]
+        self._channels = {i: Channel(chips.get(i), born_us, self._reply) for i in ids}
         self._malformed = 0
         self._flags = Stream.STOP
         self._configuration: BoardConfiguration | None = None
@@ -115,21 +129,23 @@ class Firmware:
         return min(self._sent_us, *(channel.due_us for channel in self._channels.values()))
 
     def _take(self, request: Request, now_us: int) -> None:
-        if request.command is Command.HELLO:
-            answering = sum(
-                1 << i - 1 for i, chip in self._chips.items() if chip.answers(self._born_us + now_us)
+        if request.command == Command.HELLO:
+            answering = mask_of(i for i, chip in self._chips.items() if chip.answers(self._born_us + now_us))
+            self._reply(
+                request, Result.OK, Hello(*self._release, answering, now_us // 1000 % (1 << 32)).pack()
             )
-            self._reply(request, Result.OK, Hello(*FIRMWARE, answering, now_us // 1000 % (1 << 32)).pack())
         elif request.version != self._version:
             self._reply(request, Result.BAD_ARGUMENT)
-        elif request.command is Command.CONFIGURE:
+        elif request.command == Command.CONFIGURE:
             self._configure(request, now_us)
-        elif request.command is Command.STREAM:
-            self._stream(request, now_us)
-        elif request.command is Command.STATS:
+        elif request.command == Command.STREAM:
+            self._stream(request)
+        elif request.command == Command.STATS:
             self._reply(request, Result.OK, self._stats().pack())
-        else:
+        elif request.command in _ABOUT_ONE:
             self._visit(request, now_us)
+        else:
+            self._reply(request, Result.BAD_ARGUMENT)
 
     def _reply(self, request: Request, result: Result, fields: bytes = b'') -> None:
         self._out.append(
@@ -146,72 +162,73 @@ class Firmware:
             self._reply(request, Result.BAD_ARGUMENT)
             return
         self._configuration = configuration
-        self._ids = ids_of(configuration.mask)
-        for imu_id in self._ids:
-            self._channels[imu_id].configure(configuration.mode, now_us)
+        self._ids = ids_of(configuration.mask, self._board)
         self._reply(request, Result.OK)
-        if self._flags:
-            self._begin_sweeps(now_us)
+        for imu_id, channel in self._channels.items():
+            if imu_id in self._ids:
+                channel.configure(configuration.mode, now_us)
+            else:
+                channel.leave()
+        self._ahead.clear()
+        self._sweep_us = self._sweep_due_us = now_us
+        self._sent_us = self._when_sent()
 
-    def _stream(self, request: Request, now_us: int) -> None:
+    def _stream(self, request: Request) -> None:
         flags = request.arguments[0]
-        if flags > Stream.QUATERNIONS | Stream.ACCELERATION or (flags and not self._ids):
+        if flags > Stream.QUATERNIONS | Stream.ACCELERATION:
             self._reply(request, Result.BAD_ARGUMENT)
             return
         self._reply(request, Result.OK)
-        if flags and not self._flags:
-            self._flags = flags
-            self._begin_sweeps(now_us)
         self._flags = flags
-        if not flags:
-            self._sent_us = NEVER
+        self._sent_us = self._when_sent()
 
     def _visit(self, request: Request, now_us: int) -> None:
-        imu_id = request.arguments[0] + 1
+        imu_id = imu_id_at(self._board, request.arguments[0])
         channel = self._channels.get(imu_id)
         if channel is None:
             self._reply(request, Result.BAD_ARGUMENT)
+        elif any(other.occupied for other in self._channels.values()):
+            self._reply(request, Result.BUSY)
         elif imu_id in self._ids:
             channel.visit(request, now_us)
         else:
-            if request.command is Command.WRITE_OFFSETS:
+            if request.command == Command.WRITE_OFFSETS:
                 channel.keep(request.arguments[1:])
             self._reply(request, Result.ABSENT)
 
     def _step(self, now_us: int) -> None:
-        for channel in self._channels.values():
-            if channel.step(now_us):
+        for imu_id in self._ids:
+            if self._channels[imu_id].step(now_us):
                 self._ahead.clear()  # the chip may have another heading
-
-    def _begin_sweeps(self, now_us: int) -> None:
-        self._ahead.clear()
-        self._sweep_us = self._sweep_due_us = now_us
-        self._sent_us = self._when_sent()
 
     def _scan_us(self) -> int:
         assert self._configuration is not None
         return len(self._ids) * _READ_IMU_US[self._configuration.i2c_100khz]
 
     def _when_sent(self) -> int:
-        """When the first packet of this sweep has left; a second one follows at once."""
-        line_bytes = 15 + len(self._ids) * (10 if self._flags & Stream.QUATERNIONS else 6)
+        """When the first packet of this sweep has left; a second one follows at once. Sweeps go on without a stream."""
+        if not self._ids:
+            return NEVER
+        line_bytes = (
+            15 + len(self._ids) * (10 if self._flags & Stream.QUATERNIONS else 6) if self._flags else 0
+        )
         return self._sweep_us + self._scan_us() + round(10 * line_bytes * self._bit_us)
 
     def _send_sweep(self) -> None:
         assert self._configuration is not None
-        n, scan_us = len(self._ids), self._scan_us()
+        scan_us = self._scan_us()
         sweep = SweepHeader(self._seq, self._sweep_us % (1 << 32), scan_us, self._configuration.mask)
         channels = [self._channels[imu_id] for imu_id in self._ids]
-        refreshed = self._sweeps % n
-        channels[refreshed].refresh_calib(self._sweep_us)
-        running = np.array([channel.state is State.RUN for channel in channels])
-        q = np.where(running[:, np.newaxis], self._measured(), 0.0)
+        measured = np.array([channel.sample(self._sweep_us) for channel in channels])[:, np.newaxis]
+        if running := [channel for channel in channels if channel.state is State.RUN]:
+            running[self._sweeps % len(running)].refresh_calib(self._sweep_us)
+        q = np.where(measured, self._measured(), 0.0) if self._flags else np.zeros((len(channels), 4))
         if self._flags & Stream.QUATERNIONS:
             health = bytes(channel.errors << 4 | channel.state for channel in channels)
             calib = bytes(channel.calib for channel in channels)
             self._out.append(encode_frame(encode_data(sweep, q, health, calib)))
         if self._flags & Stream.ACCELERATION:
-            a = np.where(running[:, np.newaxis], accelerations(q), np.nan)
+            a = np.where(measured, accelerations(q), np.nan)
             self._out.append(encode_frame(encode_acceleration(sweep, a)))
         self._seq = (self._seq + 1) % (1 << 16)
         self._sweeps += 1
@@ -256,7 +273,7 @@ class Firmware:
             rx_bad=min(65535, self._decoder.errors.total + self._malformed),
             rx_overflow=0,
             tx_dropped=min(65535, self.tx_dropped),
-            reset_cause=1,
+            reset_cause=self._reset_cause,
             comebacks=tuple(channel.comebacks for channel in channels),
             errors=tuple(channel.all_errors for channel in channels),
         )

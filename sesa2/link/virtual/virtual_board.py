@@ -15,10 +15,12 @@ from types import TracebackType
 
 from sesa2.link.link_errors import LinkError
 from sesa2.link.packets import VERSION
+from sesa2.link.requests import FIRMWARE
 from sesa2.link.virtual.chip import Chip
-from sesa2.link.virtual.firmware import Firmware
+from sesa2.link.virtual.firmware import EXTERNAL_RESET, POWER_ON, Firmware
 from sesa2.link.virtual.motion import FloatArray
 from sesa2.link.virtual.virtual_arm import VirtualArm
+from sesa2.sensing.imu.addresses import ids_by_board
 from sesa2.time import NS
 
 _LONGEST_WAIT_S = 1.0
@@ -30,7 +32,11 @@ class VirtualBoard:
     Parameters
     ----------
     arm
-        The IMUs and how they move.
+        The IMUs and how they move; those of this board hang on it.
+    number
+        Which board it is, from 0: it has the IMUs with the ids from 8 · number + 1 on.
+    epoch_ns
+        Time of `time.monotonic_ns` at which the motion begins; by default now. Boards on one arm share it.
     link
         A symbolic link to make to the pseudo-terminal, whose own name changes whenever the cable is unplugged.
     calibration_s
@@ -39,8 +45,8 @@ class VirtualBoard:
         How long the board is deaf and mute after a reset: a Mega's boot loader.
     baud
         The line's speed: packets take their time.
-    version
-        Protocol version to claim.
+    version, release
+        Protocol version and firmware version to claim.
     seed
         Of what differs between chips, and of the faults.
 
@@ -54,11 +60,14 @@ class VirtualBoard:
         self,
         arm: VirtualArm,
         *,
+        number: int = 0,
+        epoch_ns: int | None = None,
         link: Path | str | None = None,
         calibration_s: float = 12.0,
         boot_s: float = 1.0,
         baud: int = 500_000,
         version: int = VERSION,
+        release: tuple[int, int] = FIRMWARE,
         seed: int = 0,
     ) -> None:
         self.arm = arm
@@ -67,11 +76,14 @@ class VirtualBoard:
             raise LinkError(f'{self._link} exists and is no symbolic link: not replaced')
         self._boot_us = round(boot_s * 1e6)
         self._baud = baud
+        self._number = number
         self._version = version
+        self._release = release
         self._random = Random(seed)
         calibration_us = round(calibration_s * 1e6)
-        self._chips = {i: Chip(Random(f'{seed} {i}'), calibration_us) for i in arm.ids}
-        self._epoch_ns = time.monotonic_ns()
+        ids = ids_by_board(arm.ids).get(number, ())
+        self._chips = {i: Chip(Random(f'{seed} {i}'), calibration_us) for i in ids}
+        self._epoch_ns = time.monotonic_ns() if epoch_ns is None else epoch_ns
         self._orders: SimpleQueue[tuple[Callable[[], None], Future[None]]] = SimpleQueue()
         self._wake_out, self._wake_in = os.pipe()
         self._pty: tuple[int, int] | None = None
@@ -132,7 +144,7 @@ class VirtualBoard:
 
     def reset(self) -> None:
         """Press the reset button: the board forgets all, the chips keep their power."""
-        self._do(lambda: self._start(self._boot_us))
+        self._do(lambda: self._start(self._boot_us, EXTERNAL_RESET))
 
     def unplug_cable(self) -> None:
         """Pull the USB cable: the port is gone, and so is the power of board and chips."""
@@ -171,11 +183,18 @@ class VirtualBoard:
     def _now_us(self) -> int:
         return (time.monotonic_ns() - self._epoch_ns) // 1000
 
-    def _start(self, boot_us: int) -> None:
+    def _start(self, boot_us: int, cause: int = POWER_ON) -> None:
         self._born_us = self._now_us() + boot_us
         self._unsent = b''
         self._firmware = Firmware(
-            self._chips, self._measure, born_us=self._born_us, baud=self._baud, version=self._version
+            self._chips,
+            self._measure,
+            born_us=self._born_us,
+            baud=self._baud,
+            board=self._number,
+            version=self._version,
+            release=self._release,
+            reset_cause=cause,
         )
 
     def _measure(self, ids: Sequence[int], t_us: FloatArray, headings: FloatArray) -> FloatArray:

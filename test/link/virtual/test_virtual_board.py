@@ -6,9 +6,10 @@ import pytest
 
 from sesa2.link.board_client import Board
 from sesa2.link.link_errors import LinkError
-from sesa2.link.packets import State, mask_of
+from sesa2.link.packets import State
 from sesa2.link.requests import BoardConfiguration, FusionMode, Stream
 from sesa2.link.serial_port import SerialPort
+from sesa2.sensing.imu.addresses import mask_of
 
 
 def stream(virtual, count):
