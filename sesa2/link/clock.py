@@ -45,9 +45,6 @@ class _Point(NamedTuple):
     def arrival_ns(self) -> int:
         return self.board_ns + self.excess_ns
 
-    def earlier(self, board_ns: int) -> '_Point':
-        return _Point(self.board_ns - board_ns, self.excess_ns + board_ns)
-
 
 class BoardClock:
     """Maps the board's microseconds to the host's nanoseconds.
@@ -118,7 +115,7 @@ class BoardClock:
             self._early.clear()
             witness = self._lasting(point)
         if witness:
-            point = self._follow(witness, point, min(abs(passed_ns), elapsed_ns))
+            point = self._follow(witness, point)
             passed_ns = usual_ns
         self._t_us, self._arrival_ns, self._board_ns = t_us, arrival_ns, point.board_ns
         self._passed_ns = passed_ns
@@ -156,22 +153,18 @@ class BoardClock:
         )
         return self._behind if lasts else None
 
-    def _follow(self, witness: _Point, point: _Point, passed_ns: int) -> _Point:
-        """Take the line to a witness; the newest point as it is then, so long after the one before."""
+    def _follow(self, witness: _Point, point: _Point) -> _Point:
+        """Take the line to a witness; what is to be learned of the newest point, which alone takes no line down."""
         stepped = point.board_ns < self._board_ns or abs(self._late(witness)) >= _STEP_NS
-        if stepped:
-            self.jumps += 1
-            # What the board's clock was stepped by is taken off its times, so that they ascend.
-            taken_ns = point.board_ns - self._board_ns - passed_ns
-            point, witness = point.earlier(taken_ns), witness.earlier(taken_ns)
+        self.jumps += stepped
         self._offset_ns = witness.excess_ns - self._drift * witness.board_ns
         self._points.clear()
         self._fastest = self._behind = None
+        self._bucket_ends_ns = point.board_ns + _BUCKET_NS
         self._early.clear()
-        stamp_ns = self._line(point.board_ns)
-        if stepped and self._last_stamp_ns is not None and self._last_stamp_ns - stamp_ns > LONGEST_HOLD_NS:
+        ahead_ns = 0 if self._last_stamp_ns is None else self._last_stamp_ns - self._line(point.board_ns)
+        if stepped and ahead_ns > LONGEST_HOLD_NS:
             self._last_stamp_ns = None
-        # By itself it takes no line down.
         return _Point(point.board_ns, point.excess_ns + max(0, -self._late(point)))
 
     def _learn(self, point: _Point) -> None:

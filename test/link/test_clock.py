@@ -148,6 +148,22 @@ def test_one_packet_moves_nothing(ahead_s, at):
     assert abs(difference[at + 20 :]).max() < (1 if at > 100 else 50e3)
 
 
+@pytest.mark.parametrize('step_s', [-1000, -0.3, 0.3, 1000])
+def test_drift_is_learned_after_a_step_in_the_first_second(step_s):
+    true, board, arrival = play(np.random.default_rng(11), drift=5e-3)
+    error = stamps(BoardClock(), shift(board, 80, step_s * 1e6), arrival) - true
+    assert abs(error[600:]).max() < HEALTHY_NS
+
+
+def test_drift_is_kept_when_the_board_is_reset_or_the_link_was_down():
+    true, board, arrival = play(np.random.default_rng(12), drift=5e-3)
+    board_clock = BoardClock()
+    stamps(board_clock, board[:1500], arrival[:1500])
+    board_clock.restart()
+    error = stamps(board_clock, board[1500:] - board[1500], arrival[1500:]) - true[1500:]
+    assert abs(error[100:]).max() < HEALTHY_NS
+
+
 def test_first_packet_is_damaged():
     true, board, arrival = play(np.random.default_rng(8), sweeps=1000)
     board[0] += 1_000_000_000
