@@ -74,7 +74,8 @@ class BagWriter:
             raise _not_written(folder, error) from None
         # LZ4 makes files a fifth larger than Zstandard does, and takes hardly more time than no compression.
         self._mcap = Writer(self._file, CHUNK_SIZE, CompressionType.LZ4)
-        self._mcap._Writer__chunk_indices = self._chunk_indexes  # it offers no other way
+        # The writer offers no other way; should the name change, memory grows again and nothing else.
+        self._mcap._Writer__chunk_indices = self._chunk_indexes  # type: ignore[attr-defined]
         try:
             self._mcap.start('ros2')
         except OSError as error:

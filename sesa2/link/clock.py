@@ -25,9 +25,7 @@ _BUCKET_NS = 500_000_000
 _BUCKETS = 120
 _BUCKETS_FOR_DRIFT = 6
 _LARGEST_DRIFT = 0.01  # a ceramic resonator stays within 0.5 %
-_EARLY_NS = (
-    1_000_000  # one packet may take the line down by so much and what the drift may have made of the time
-)
+_EARLY_NS = 1_000_000  # by so much, and by what drift may make of the time, one packet takes the line down
 _WITNESSES = 3  # so many packets in a row are believed whatever they say
 _STEP_NS = 50_000_000  # what is less is delay, not a step of a clock
 _PATIENCE_NS = NS
