@@ -30,6 +30,7 @@ _WITNESSES = 3  # so many packets in a row are believed whatever they say
 _STEP_NS = 50_000_000  # what is less is delay, not a step of a clock
 _PATIENCE_NS = NS
 _LATE_PACKETS = 5
+_SHORTEST_PERIOD_NS = 10_000_000  # of sweeps; what lies between two before that is known
 LONGEST_HOLD_NS = 900_000_000
 """Stamps that are ahead by no more wait for the time, at half its pace and so for less than two seconds."""
 
@@ -63,13 +64,14 @@ class BoardClock:
         self.jumps = self.doubted = 0
         self._last_stamp_ns: int | None = None
         self._drift = 0.0
+        self._passed_ns = _SHORTEST_PERIOD_NS
         self.restart()
 
     def restart(self) -> None:
         """Forget the line, since the board was reset or the link was down; stamps stay monotonic."""
         self._t_us: int | None = None
         self._arrival_ns = 0
-        self._board_ns = self._passed_ns = 0
+        self._board_ns = 0
         self._offset_ns: float | None = None
         self._points: deque[_Point] = deque(maxlen=_BUCKETS)
         self._fastest: _Point | None = None
@@ -116,7 +118,7 @@ class BoardClock:
             point = self._follow(witness, point)
             passed_ns = usual_ns
         self._t_us, self._arrival_ns, self._board_ns = t_us, arrival_ns, point.board_ns
-        self._passed_ns = passed_ns
+        self._passed_ns = passed_ns or self._passed_ns
         self._learn(point)
         return self._ascending(self._line(point.board_ns), passed_ns)
 

@@ -59,6 +59,15 @@ def test_stamps_are_monotonic_and_keep_half_of_the_distance(seed):
     assert np.diff(stamps(BoardClock(), board, arrival)).min() >= PERIOD_NS * 0.49
 
 
+@pytest.mark.parametrize('seed', range(40))
+def test_the_first_stamps_keep_it_too(seed):
+    """Where the first packets are the late ones: a reader that had other things to do when the stream began."""
+    _, board, arrival = play(np.random.default_rng(seed), sweeps=40, mean_delay_s=6e-3)
+    arrival[0] += 15_000_000
+    got = stamps(BoardClock(), board, np.maximum.accumulate(arrival))
+    assert np.diff(got).min() >= PERIOD_NS * 0.49
+
+
 def test_wrap_of_the_board_clock_leaves_no_trace():
     _, board, arrival = play(np.random.default_rng(0), first_us=2**32 - 15_000_000)
     board_clock = BoardClock()
