@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sesa2.bags.captured_bodies import add_captured_imus
 from sesa2.bags.definitions import POSE_ARRAY, STRING, deserialise
 from sesa2.bags.recording import Recording, open_recording
 from sesa2.bags.topics import imu_topic
@@ -56,6 +57,8 @@ class ImuRecording:
 
     def __init__(self, recording: Recording):
         self._recording = recording
+        if not any(imu_topic(name, topic.type) for name, topic in recording.topics.items()):
+            add_captured_imus(recording)
         by_namespace: dict[str, dict[str, int]] = defaultdict(dict)
         for name, topic in recording.topics.items():
             imu = imu_topic(name, topic.type)
