@@ -43,7 +43,8 @@ def read(file: ExportFile) -> MotionCapture:
     unit = re.search(r'\[(\w+)\]', header[0])
     columns = [0, *(found[name] for name in wanted)]
     table = read_numbers(
-        file.body(1),
+        file.data,
+        file.after(1),
         columns,
         delimiter=',',
         names=[header[c] for c in columns],

@@ -57,15 +57,15 @@ class ExportFile:
             return []
         return [cell.strip() for cell in next(csv.reader([self.head[line]], delimiter=delimiter), [])]
 
-    def body(self, lines: int) -> bytes:
-        """All that comes after so many lines."""
+    def after(self, lines: int) -> int:
+        """Where what comes after so many lines begins."""
         begin = 0
         for _ in range(lines):
             end = self.data.find(b'\n', begin)
             if end < 0:
-                return b''
+                return len(self.data)
             begin = end + 1
-        return self.data[begin:]
+        return begin
 
 
 def delimiter_of(line: str) -> str:

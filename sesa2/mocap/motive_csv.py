@@ -62,7 +62,8 @@ def read(file: ExportFile) -> MotionCapture:
         notes.append(f'{file.name}: its coordinate space is {keys["Coordinate Space"]}, expected Global')
     columns = [0, 1, *(column for cells in wanted.values() for column in cells.values())]
     table = read_numbers(
-        file.body(last + 1),
+        file.data,
+        file.after(last + 1),
         columns,
         delimiter=delimiter,
         names=[f'{names[c]} {quantities[c]} {axes[c]}' if c > 1 else axes[c] for c in columns],

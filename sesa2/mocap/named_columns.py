@@ -53,7 +53,7 @@ def read(file: ExportFile, rate: float | None = None) -> MotionCapture:
     columns = [time, *(c for parts in bodies.values() for c in parts.values())]
     names = [header[c] for c in columns]
     table = read_numbers(
-        file.body(1), columns, delimiter=delimiter, names=names, where=file.name, first_line=2
+        file.data, file.after(1), columns, delimiter=delimiter, names=names, where=file.name, first_line=2
     )
     times, notes = _times(file, header[time], scale, table)
     of = dict(zip(columns, table.rows.T, strict=True))

@@ -17,8 +17,9 @@ from sesa2.shape.rotations import FloatArray
 
 _NOT_SEEN = {'', 'nan', 'na', 'n/a', 'null', 'none', '-'}
 _GAP = b'-9223372036854775807'
-_GAP_VALUE = -9223372036854775807
 _LARGEST = 9_200_000_000_000_000_000  # beyond it, digits were lost
+_POWERS = 10.0 ** np.arange(20)
+_BLOCK = 500_000  # bytes at once: all that is made of them stays in the cache
 
 
 class NumberTable(NamedTuple):
@@ -40,9 +41,11 @@ class NumberTable(NamedTuple):
 
 
 def read_numbers(
-    body: bytes,
+    data: bytes,
+    begin: int,
     columns: Sequence[int],
     *,
+    end: int | None = None,
     delimiter: str,
     names: Sequence[str],
     where: str,
@@ -55,10 +58,14 @@ def read_numbers(
 
     Parameters
     ----------
-    body
-        of the file, from its first line of numbers on.
+    data
+        the file.
+    begin
+        where its first line of numbers begins.
     columns
         to read, counted from 0.
+    end
+        where the numbers end; with the file where it is None.
     delimiter
         between cells; a blank stands for any number of blanks.
     names
@@ -66,7 +73,7 @@ def read_numbers(
     where
         the file, for messages.
     first_line
-        of the body in the file, from 1.
+        number of the first line of numbers, from 1.
     short_rows
         a row may lack cells at its end: they are empty. Otherwise that is an error, but in the last line of a file cut
         short.
@@ -76,101 +83,125 @@ def read_numbers(
     MocapError
         a cell is not a number (with its line), a line has too few, or there is none.
     """
-    table = _fast(body, columns, delimiter, first_line)
-    if table is None:
-        table = _careful(body, columns, delimiter, names, where, first_line, short_rows)
-    if not len(table.rows):
+    columns, line = list(columns), first_line
+    rows: list[FloatArray] = []
+    lines: list[np.ndarray] = []
+    notes: list[str] = []
+    end = len(data) if end is None else end
+    while begin < end:
+        block_end = data.find(b'\n', begin + _BLOCK, end) + 1 or end
+        block = data[begin:block_end]
+        numbers = _plain_decimals(block, columns, delimiter)
+        if numbers is None:
+            numbers, at = _any_numbers(
+                block, columns, delimiter, names, where, line, short_rows, block_end == end, notes
+            )
+        else:
+            at = np.arange(len(numbers)) + line
+        rows.append(numbers)
+        lines.append(at)
+        line += block.count(b'\n')
+        begin = block_end
+    if not sum(map(len, rows)):
         raise MocapError(f'{where} has no samples below its header')
-    return table
+    return NumberTable(np.concatenate(rows), np.concatenate(lines), tuple(notes))
 
 
-def _fast(body: bytes, columns: Sequence[int], delimiter: str, first_line: int) -> NumberTable | None:
-    """The columns of a rectangle of plain decimals; None if it is none."""
-    body = body.rstrip(b'\n') + b'\n'
+def _plain_decimals(block: bytes, columns: list[int], delimiter: str) -> FloatArray | None:
+    """The columns of lines of equally many plain decimals or empty cells; None if the lines are not like that."""
     mark = delimiter.encode()
-    if b'\n\n' in body or b'"' in body or body == b'\n':
+    if b'N' in block or b'n' in block:
+        for word in (b'NaN', b'nan', b'NAN'):
+            block = block.replace(word, b'')
+    point = b',' if delimiter != ',' and b',' in block else b'.'
+    block = block if block.endswith(b'\n') else block + b'\n'
+    text = np.frombuffer(block, np.uint8)
+    new_lines = text == ord('\n')
+    n_rows = int(np.count_nonzero(new_lines))
+    is_end = new_lines | (text == mark[0])
+    places = np.flatnonzero(is_end | (text == point[0]))
+    is_end = is_end[places]
+    cells = np.flatnonzero(is_end)
+    ends = places[cells]
+    empty = np.diff(ends, prepend=-1) == 1
+    if empty.any():
+        if delimiter == ' ':  # several blanks are one
+            return None
+        # An empty cell gets a number of its own, which shifts none of the points.
+        block = block.replace(mark + mark, mark + _GAP + mark).replace(mark + mark, mark + _GAP + mark)
+        block = block.replace(mark + b'\n', mark + _GAP + b'\n').replace(b'\n' + mark, b'\n' + _GAP + mark)
+        block = _GAP + block if block[:1] == mark else block
+    width, left = divmod(len(cells), n_rows)
+    if left or max(columns) >= width or not new_lines[ends[width - 1 :: width]].all():
         return None
-    if delimiter == ' ' and (b'  ' in body or b' \n' in body or b'\n ' in body or b'\t' in body):
-        return None
-    point = b',' if delimiter != ',' and b',' in body else b'.'
-    for word in (b'NaN', b'nan', b'NAN'):
-        if word in body:
-            body = body.replace(word, _GAP)
-    if mark + mark in body or mark + b'\n' in body or b'\n' + mark in body or body[:1] == mark:
-        body = body.replace(mark + mark, mark + _GAP + mark).replace(mark + mark, mark + _GAP + mark)
-        body = body.replace(mark + b'\n', mark + _GAP + b'\n').replace(b'\n' + mark, b'\n' + _GAP + mark)
-        body = _GAP + body if body[:1] == mark else body
-    text = np.frombuffer(body, np.uint8)
-    ends = (text == mark[0]) | (text == ord('\n'))
-    n_rows = int(np.count_nonzero(text == ord('\n')))
-    places = np.flatnonzero(ends | (text == point[0]))
-    is_end = ends[places]
-    cell_ends = np.flatnonzero(is_end)
-    width, left = divmod(len(cell_ends), n_rows)
-    if left or max(columns) >= width:
-        return None
-    at = places[cell_ends]
-    if not (text[at[width - 1 :: width]] == ord('\n')).all():
-        return None
-    digits = body.translate(bytes.maketrans(mark + b'\n', b',,'), point)
     with warnings.catch_warnings():
         warnings.simplefilter('error', DeprecationWarning)
         try:
-            integers = np.fromstring(digits, dtype=np.int64, sep=',')
+            # One more at the end, so that the last cell is known to end where its number does.
+            digits = block.translate(bytes.maketrans(mark + b'\n', b',,'), point) + b'0'
+            integers = np.fromstring(digits, dtype=np.int64, count=len(cells) + 1, sep=',')[:-1]
         except (DeprecationWarning, ValueError):  # a cell that is no plain decimal
             return None
-    before = np.maximum(cell_ends - 1, 0)
-    decimals = np.where(is_end[before], 0, at - places[before] - 1)
-    # Each point must be in a cell of its own, and every digit in the integer.
-    if len(integers) != len(cell_ends) or len(places) - len(cell_ends) != int(np.sum(~is_end[before])):
+    before = cells - 1
+    pointed = ~is_end[before]
+    pointed[0] = cells[0] > 0
+    # Each point must be in a cell of its own.
+    if len(places) - len(cells) != np.count_nonzero(pointed):
         return None
-    chosen = np.asarray(columns)
-    values = integers.reshape(n_rows, width)[:, chosen]
-    gaps = values == _GAP_VALUE
-    if (np.abs(np.where(gaps, 0, values)) > _LARGEST).any():
+    decimals = np.where(pointed, ends - places[before] - 1, 0).reshape(n_rows, width)[:, columns]
+    values = integers.reshape(n_rows, width)[:, columns]
+    gaps = empty.reshape(n_rows, width)[:, columns]
+    values[gaps] = 0
+    if values.max() > _LARGEST or values.min() < -_LARGEST:
         return None
-    rows = values / 10.0 ** decimals.reshape(n_rows, width)[:, chosen]
+    rows = values / _POWERS[np.minimum(decimals, len(_POWERS) - 1)]
     rows[gaps] = np.nan
-    return NumberTable(rows, first_line + np.arange(n_rows), ())
+    return rows
 
 
-def _careful(
-    body: bytes,
-    columns: Sequence[int],
+def _any_numbers(
+    block: bytes,
+    columns: list[int],
     delimiter: str,
     names: Sequence[str],
     where: str,
     first_line: int,
     short_rows: bool,
-) -> NumberTable:
-    lines = body.decode('latin-1').split('\n')
+    is_last: bool,
+    notes: list[str],
+) -> tuple[FloatArray, np.ndarray]:
+    """The columns of lines of any kind, and the numbers of the lines."""
+    text = block.decode('latin-1').removesuffix('\n')
     blank = None if delimiter == ' ' else delimiter
     comma = delimiter != ','
     needed = max(columns) + 1
     rows: list[list[float]] = []
     numbers: list[int] = []
-    short: list[int] = []
-    for number, line in enumerate(lines, start=first_line):
+    short = 0
+    for number, line in enumerate(text.split('\n'), start=first_line):
         if not line.strip(f'{delimiter} "'):
             continue
-        if short and not short_rows:
-            raise MocapError(f'{where}, line {short[0]}: fewer cells than the {needed} expected')
+        if short:
+            break
         cells = line.replace('"', '').split(blank)
         if len(cells) < needed:
-            short.append(number)  # forgiven if it is the last one: a file cut short
             if not short_rows:
+                short = number  # forgiven if it is the last one: a file cut short
                 continue
             cells += [''] * (needed - len(cells))
         row = []
         for column, name in zip(columns, names, strict=True):
-            text = cells[column].strip()
-            row.append(_number(text.replace(',', '.') if comma else text, f'{where}, line {number}: {name}'))
+            cell = cells[column].strip()
+            row.append(_number(cell.replace(',', '.') if comma else cell, f'{where}, line {number}: {name}'))
         rows.append(row)
         numbers.append(number)
-    notes: tuple[str, ...] = ()
-    if short and not short_rows:
-        notes = (f'{where} was cut short: its last line, {short[0]}, is incomplete and left out',)
-    return NumberTable(np.array(rows).reshape(len(rows), len(columns)), np.array(numbers), notes)
+    else:
+        if short and is_last:
+            notes.append(f'{where} was cut short: its last line, {short}, is incomplete and left out')
+            short = 0
+    if short:
+        raise MocapError(f'{where}, line {short}: fewer cells than the {needed} expected')
+    return np.array(rows).reshape(len(rows), len(columns)), np.array(numbers, dtype=int)
 
 
 def _number(text: str, what: str) -> float:

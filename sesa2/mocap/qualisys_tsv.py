@@ -55,7 +55,8 @@ def read(file: ExportFile) -> MotionCapture:
     before = len(leading)
     columns = list(range(before + each * len(names)))
     table = read_numbers(
-        file.body(lines),
+        file.data,
+        file.after(lines),
         columns,
         delimiter='\t',
         names=[f'column {c + 1}' for c in columns],

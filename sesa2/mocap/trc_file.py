@@ -34,7 +34,8 @@ def read(file: ExportFile) -> MotionCapture:
     header = 4 if file.cells(4, '\t')[:1] not in ([], ['']) else 5
     columns = [1, *(c + axis for c in names for axis in range(3))]
     table = read_numbers(
-        file.body(header),
+        file.data,
+        file.after(header),
         columns,
         delimiter='\t',
         names=['Time', *(f'{name} {axis}' for name in names.values() for axis in 'XYZ')],

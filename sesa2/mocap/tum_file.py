@@ -34,11 +34,11 @@ def read(file: ExportFile) -> MotionCapture:
     comments = 0
     while comments < len(file.head) and file.head[comments].lstrip().startswith('#'):
         comments += 1
-    body = file.body(comments)
-    if b'#' in body:
-        body = b'\n'.join(line.split(b'#')[0] for line in body.split(b'\n'))
+    data, begin = file.data, file.after(comments)
+    if data.find(b'#', begin) >= 0:
+        data, begin = b'\n'.join(line.split(b'#')[0] for line in data[begin:].split(b'\n')), 0
     table = read_numbers(
-        body, range(8), delimiter=' ', names=_COLUMNS, where=file.name, first_line=comments + 1
+        data, begin, range(8), delimiter=' ', names=_COLUMNS, where=file.name, first_line=comments + 1
     )
     times, notes = in_seconds(table.rows[:, 0], 'time', file.name)
     tracked = TrackedBody(times, np.ascontiguousarray(table.rows[:, 1:4]), table.rows[:, 4:])

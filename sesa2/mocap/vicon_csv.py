@@ -15,15 +15,19 @@ from sesa2.mocap.number_table import read_numbers
 
 KIND = 'Vicon CSV'
 _SECTIONS = b'Trajectories|Objects|Segments|Model Outputs|Devices|Joints|Events'
-_HEADING = re.compile(rb'^"?(' + _SECTIONS + rb')"?[,;\t ]*$', re.MULTILINE)
+# With the end of the line before it, which is found fast.
+_HEADING = re.compile(rb'\n"?(' + _SECTIONS + rb')"?[,;\t ]*(?=\n)')
+# A section ends where a line has no cell with anything in it.
+_BLANK = re.compile(rb'\n[,;\t ]*\n')
 _TRACKED = ('Trajectories', 'Objects', 'Segments')
 _HEADER = 5  # lines of a section
+_LONGEST_HEADER = 1_000_000  # bytes
 
 
 def matches(file: ExportFile) -> bool:
     """Whether Vicon wrote it."""
     return any(line.lstrip('" ').startswith('Frame') and 'Sub Frame' in line for line in file.head) or bool(
-        _HEADING.match(file.data[:100])
+        _headings(file.data[:1000])
     )
 
 
@@ -35,25 +39,32 @@ def read(file: ExportFile) -> MotionCapture:
     MocapError
         no section has positions, or its numbers are none.
     """
-    headings = list(_HEADING.finditer(file.data))
+    headings = _headings(file.data)
     bodies: dict[str, TrackedBody] = {}
     notes: list[str] = []
-    for heading, following in zip(headings, [*headings[1:], None], strict=True):
-        if heading[1].decode() in _TRACKED:
-            end = following.start() if following else len(file.data)
-            first_line = file.data.count(b'\n', 0, heading.start()) + 1
-            for name, body in _section(file, file.data[heading.start() : end], first_line, notes).items():
+    ends = [begin for begin, _ in headings[1:]] + [len(file.data)]
+    for (begin, section), end in zip(headings, ends, strict=True):
+        if section in _TRACKED:
+            for name, body in _section(file, begin, end, notes).items():
                 bodies.setdefault(name, body)
     if not bodies:
-        there = ', '.join(heading[1].decode() for heading in headings) or 'none'
+        there = ', '.join(section for _, section in headings) or 'none'
         raise MocapError(
             f'{file.name}: {KIND} with the sections {there}; expected {" or ".join(_TRACKED)} with positions'
         )
     return MotionCapture(KIND, bodies, notes=tuple(notes))
 
 
-def _section(file: ExportFile, data: bytes, first_line: int, notes: list[str]) -> dict[str, TrackedBody]:
-    part = ExportFile(file.path, data)
+def _headings(data: bytes) -> list[tuple[int, str]]:
+    """Where each section begins, and its name."""
+    first = _HEADING.match(b'\n' + data[:1000])
+    found = [(0, first[1].decode())] if first else []
+    return found + [(match.start() + 1, match[1].decode()) for match in _HEADING.finditer(data)]
+
+
+def _section(file: ExportFile, begin: int, end: int, notes: list[str]) -> dict[str, TrackedBody]:
+    part = ExportFile(file.path, file.data[begin : min(end, begin + _LONGEST_HEADER)])
+    first_line = file.data.count(b'\n', 0, begin) + 1
     delimiter = delimiter_of(part.head[3]) if len(part.head) > _HEADER else ','
     rate_text = next(iter(part.cells(1, delimiter)), '')
     try:
@@ -89,9 +100,13 @@ def _section(file: ExportFile, data: bytes, first_line: int, notes: list[str]) -
             if axis in ('TX', 'TY', 'TZ', 'RX', 'RY', 'RZ', 'RW')
         ),
     ]
+    numbers = begin + part.after(_HEADER)
+    blank = _BLANK.search(file.data, numbers - 1, end)
     table = read_numbers(
-        _to_blank_line(part.body(_HEADER)),
+        file.data,
+        numbers,
         columns,
+        end=blank.start() + 1 if blank else end,
         delimiter=delimiter,
         names=['Frame', *(f'{_above(names, c)} {axes[c]}' for c in columns[1:])],
         where=file.name,
@@ -117,12 +132,6 @@ def _section(file: ExportFile, data: bytes, first_line: int, notes: list[str]) -
         bodies[name] = TrackedBody(times, position, orientation)
     notes.extend(table.notes)
     return bodies
-
-
-def _to_blank_line(body: bytes) -> bytes:
-    """A section ends where a line has no cell with anything in it."""
-    end = re.search(rb'\n[,;\t ]*\n', body)
-    return body[: end.start() + 1] if end else body
 
 
 def _above(names: list[str], column: int) -> str:

@@ -11,18 +11,18 @@ from sesa2.mocap.number_table import read_numbers
 def numbers(text, columns, delimiter=',', **more):
     names = [f'column {c}' for c in columns]
     return read_numbers(
-        text.encode(), columns, delimiter=delimiter, names=names, where='f.csv', first_line=2, **more
+        text.encode(), 0, columns, delimiter=delimiter, names=names, where='f.csv', first_line=2, **more
     )
 
 
 @pytest.fixture
 def fast_only(monkeypatch):
-    monkeypatch.setattr(number_table, '_careful', None)
+    monkeypatch.setattr(number_table, '_any_numbers', None)
 
 
 @pytest.fixture
 def careful_only(monkeypatch):
-    monkeypatch.setattr(number_table, '_fast', lambda *_: None)
+    monkeypatch.setattr(number_table, '_plain_decimals', lambda *_: None)
 
 
 CASES = {
