@@ -224,13 +224,13 @@ def _named_bodies(topic: RecordedTopic) -> Callable[[bytes], Iterator[_Seen]] | 
         return None
 
     def read(data: bytes) -> Iterator[_Seen]:
-        message = store.deserialize_cdr(data, topic.type)
+        message: Any = store.deserialize_cdr(data, topic.type)
         stamp, frame = message.header.stamp, message.header.frame_id
         for item in getattr(message, lists[0]):
             name = next(str(getattr(item, n)) for n in _NAMES if hasattr(item, n))
             place = next(getattr(item, n) for n in _PLACES if hasattr(item, n))
             point = getattr(place, 'position', place)
-            pose = (point.x, point.y, point.z)
+            pose: tuple[float, ...] = (point.x, point.y, point.z)
             if hasattr(place, 'orientation'):
                 q = place.orientation
                 pose += (q.x, q.y, q.z, q.w)

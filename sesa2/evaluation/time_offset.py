@@ -38,6 +38,8 @@ MIRROR_LEAVES = 0.5
 MIRROR_EXPLAINS = 0.03
 
 RESOLUTION = 1e-6  # s
+# Of the estimate, to refine the offset with: 1 mm of noise at 0.2 m/s leaves 35 µs with so many, and more take longer.
+MAX_REFINED = 20_000
 
 
 class MirroredTruthError(EvaluationError):
@@ -132,10 +134,12 @@ def find_time_offset(estimate: Trajectory, truth: Trajectory) -> TimeOffset:
             f'{truth.times[0]:.3f} s. Give the offset if they do belong together'
         )
 
+    stride = -(-len(estimate.times) // MAX_REFINED)
+
     def agreement(offset: float) -> float:
         # The truth is the one to interpolate: interpolation smooths, and smoothing the estimate's noise
         # would draw the offset to wherever its samples fall halfway between the truth's.
-        x, y = estimate.positions, truth.at(estimate.times + offset)
+        x, y = estimate.positions[::stride], truth.at(estimate.times[::stride] + offset)
         return correlations(x, y)[0]
 
     coarse = float(offsets[best])
