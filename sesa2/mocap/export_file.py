@@ -7,6 +7,7 @@ from pathlib import Path
 from sesa2.mocap.capture import MocapError
 
 _HEAD = 200  # lines; the longest header known has some twenty
+_HEAD_BYTES = 5_000_000
 _DELIMITERS = ',;\t'
 
 
@@ -45,7 +46,7 @@ class ExportFile:
     @cached_property
     def head(self) -> list[str]:
         """The first lines; Latin-1 where they are no UTF-8."""
-        lines = self.data.split(b'\n', _HEAD)[:_HEAD]
+        lines = self.data[:_HEAD_BYTES].split(b'\n', _HEAD)[:_HEAD]
         try:
             return [line.decode() for line in lines]
         except UnicodeDecodeError:

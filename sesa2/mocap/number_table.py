@@ -120,6 +120,9 @@ def _plain_decimals(block: bytes, columns: list[int], delimiter: str) -> FloatAr
     n_rows = int(np.count_nonzero(new_lines))
     is_end = new_lines | (text == mark[0])
     places = np.flatnonzero(is_end | (text == point[0]))
+    alike = _lines_alike(text, places, n_rows, block, mark, point, columns)
+    if alike is not None:
+        return alike
     is_end = is_end[places]
     cells = np.flatnonzero(is_end)
     ends = places[cells]
@@ -134,14 +137,9 @@ def _plain_decimals(block: bytes, columns: list[int], delimiter: str) -> FloatAr
     width, left = divmod(len(cells), n_rows)
     if left or max(columns) >= width or not new_lines[ends[width - 1 :: width]].all():
         return None
-    with warnings.catch_warnings():
-        warnings.simplefilter('error', DeprecationWarning)
-        try:
-            # One more at the end, so that the last cell is known to end where its number does.
-            digits = block.translate(bytes.maketrans(mark + b'\n', b',,'), point) + b'0'
-            integers = np.fromstring(digits, dtype=np.int64, count=len(cells) + 1, sep=',')[:-1]
-        except (DeprecationWarning, ValueError):  # a cell that is no plain decimal
-            return None
+    integers = _integers(block, mark, point, len(cells))
+    if integers is None:
+        return None
     before = cells - 1
     pointed = ~is_end[before]
     pointed[0] = cells[0] > 0
@@ -157,6 +155,55 @@ def _plain_decimals(block: bytes, columns: list[int], delimiter: str) -> FloatAr
     rows = values / _POWERS[np.minimum(decimals, len(_POWERS) - 1)]
     rows[gaps] = np.nan
     return rows
+
+
+def _lines_alike(
+    text: np.ndarray,
+    places: np.ndarray,
+    n_rows: int,
+    block: bytes,
+    mark: bytes,
+    point: bytes,
+    columns: list[int],
+) -> FloatArray | None:
+    """The same, of lines that have marks and points in the same order, and columns with decimals of their own."""
+    each, left = divmod(len(places), n_rows)
+    if left:
+        return None
+    kinds = text[places].reshape(n_rows, each)
+    first = kinds[0]
+    if first[-1] != ord('\n') or (kinds != first).any():
+        return None
+    ends = np.flatnonzero(first != point[0])
+    before = ends - 1
+    pointed = np.isin(before, np.flatnonzero(first == point[0]))
+    if np.count_nonzero(pointed) != each - len(ends) or max(columns) >= len(ends):
+        return None
+    steps = np.diff(places, prepend=-1).reshape(n_rows, each)[:, ends]
+    decimals = np.where(pointed, steps[0] - 1, 0)
+    if (steps[:, pointed] != steps[0, pointed]).any() or (steps[:, ~pointed] == 1).any():
+        return None
+    integers = _integers(block, mark, point, n_rows * len(ends))
+    if (
+        integers is None
+        or integers.max() > _LARGEST
+        or integers.min() < -_LARGEST
+        or decimals.max() >= len(_POWERS)
+    ):
+        return None
+    return integers.reshape(n_rows, len(ends))[:, columns] / _POWERS[decimals[columns]]
+
+
+def _integers(block: bytes, mark: bytes, point: bytes, n: int) -> np.ndarray | None:
+    """Its n cells as if there were no points; None if one is not a number."""
+    # One more at the end, so that the last cell is known to end where its number does.
+    digits = block.translate(bytes.maketrans(mark + b'\n', b',,'), point) + b'0'
+    with warnings.catch_warnings():
+        warnings.simplefilter('error', DeprecationWarning)
+        try:
+            return np.fromstring(digits, dtype=np.int64, count=n + 1, sep=',')[:-1]
+        except (DeprecationWarning, ValueError):
+            return None
 
 
 def _any_numbers(

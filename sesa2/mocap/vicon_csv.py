@@ -21,7 +21,7 @@ _HEADING = re.compile(rb'\n"?(' + _SECTIONS + rb')"?[,;\t ]*(?=\n)')
 _BLANK = re.compile(rb'\n[,;\t ]*\n')
 _TRACKED = ('Trajectories', 'Objects', 'Segments')
 _HEADER = 5  # lines of a section
-_LONGEST_HEADER = 1_000_000  # bytes
+_LONGEST_HEADER = 5_000_000  # bytes
 
 
 def matches(file: ExportFile) -> bool:

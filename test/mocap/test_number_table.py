@@ -114,3 +114,25 @@ def test_a_last_line_cut_short_is_left_out_and_said():
 def test_cells_may_be_missing_where_a_format_leaves_them_out():
     table = numbers('1,2\n1,2,3\n', range(3), short_rows=True)
     np.testing.assert_array_equal(table.rows, [[1, 2, np.nan], [1, 2, 3]])
+
+
+@pytest.mark.parametrize('block', [1, 7, 50])
+def test_a_file_is_read_in_blocks_of_whole_lines(monkeypatch, block):
+    """Plain ones and others, with the numbers of their lines."""
+    monkeypatch.setattr(number_table, '_BLOCK', block)
+    text = '0.5,1\n1.5,2e0\n\n2.5,\n3.5,04\n4.25,5\n5.5,'
+    table = numbers(text, range(2))
+    np.testing.assert_array_equal(
+        table.rows, [[0.5, 1], [1.5, 2], [2.5, np.nan], [3.5, 4], [4.25, 5], [5.5, np.nan]]
+    )
+    np.testing.assert_array_equal(table.lines, [2, 3, 5, 6, 7, 8])
+    with pytest.raises(MocapError, match="line 9: column 1 is 'x'"):
+        numbers(text + '\n6.5,x\n', range(2))
+    with pytest.raises(MocapError, match='line 4: fewer cells'):
+        numbers('0.5,1\n1.5,2\n2.5\n3.5,4\n', range(2))
+
+
+def test_the_last_cell_is_a_number_to_its_end(fast_only):
+    """What does not end in a digit is not read fast."""
+    with pytest.raises(TypeError):
+        numbers('1,2\n3,6e-1\n', range(2))
