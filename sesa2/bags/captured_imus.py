@@ -64,7 +64,10 @@ class CapturedImus:
         for imu, body in sorted(bodies.items()):
             captured = capture.bodies[body]
             if captured.orientations is None:
-                raise Sesa2Error(f'{path}: {body} has no orientation, expected a quaternion of every IMU')
+                why = '; '.join(['', *capture.notes])
+                raise Sesa2Error(
+                    f'{path}: {body} has no orientation, expected a quaternion of every IMU{why}'
+                )
             measured = np.isfinite(captured.orientations).all(axis=1)
             stamps = np.round((captured.times[measured] + shift) * NS).astype(np.int64)
             order = np.argsort(stamps, kind='stable')

@@ -9,7 +9,7 @@ import numpy as np
 from sesa2.bags.captured_bodies import read_bodies
 from sesa2.errors import Sesa2Error
 from sesa2.evaluation.trajectory import EvaluationError, Trajectory
-from sesa2.messages.topic_names import TRUTH_MARKERS
+from sesa2.messages.topic_names import TRUTH_MARKERS, absolute
 from sesa2.mocap.body_names import find_bodies, listed
 from sesa2.mocap.capture import MotionCapture, TrackedBody
 from sesa2.mocap.formats import read_motion_capture
@@ -72,7 +72,8 @@ def read_truth(
     path = Path(path)
     if path.is_dir() or path.suffix.lower() in _BAGS:
         capture = read_bodies(path, topic)
-        found, notes = _of_bag(capture, names, given or {}, path.name)
+        asked = absolute(topic) if topic else ''
+        found, notes = _of_bag(capture, names, given or {}, path.name, asked)
     else:
         capture = read_motion_capture(path, rate)
         found, notes = find_bodies(capture.bodies, names, given, path.name), []
@@ -95,14 +96,14 @@ def read_truth(
 
 
 def _of_bag(
-    capture: MotionCapture, names: Sequence[str], given: Mapping[str, str], file: str
+    capture: MotionCapture, names: Sequence[str], given: Mapping[str, str], file: str, asked: str
 ) -> tuple[dict[str, str], list[str]]:
     """Which bodies of a bag are ours; those of a PoseArray have no names, and come in our order."""
     arrays: dict[str, list[str]] = {}
     for body in capture.bodies:
         if body.endswith(']'):
             arrays.setdefault(body.rpartition('[')[0], []).append(body)
-    ours = '/' + TRUTH_MARKERS
+    ours = absolute(TRUTH_MARKERS)
     array = ours if ours in arrays else next(iter(arrays), '') if len(arrays) == 1 else ''
     try:
         if array != ours or given:
@@ -112,7 +113,9 @@ def _of_bag(
             raise
     poses = arrays[array]
     if len(poses) == len(names):
-        return dict(zip(names, poses, strict=True)), []
+        guessed = array != ours and array != asked
+        note = f'{file}: the poses of {array} were taken for {", ".join(names)}, in this order'
+        return dict(zip(names, poses, strict=True)), [note] if guessed else []
     still = [body for body in poses if np.ptp(_positions(capture.bodies[body]), axis=0).max() < _STILL]
     moving = [body for body in poses if body not in still]
     if len(moving) == len(names):

@@ -39,15 +39,13 @@ def read(file: ExportFile) -> MotionCapture:
     labels = [
         label.strip() for key in sorted(point) if key.startswith('LABELS') for label in point[key]['value']
     ]
-    points = c3d['data']['points']  # x y z 1, marker, frame
+    points = c3d['data']['points']  # x y z 1, marker, frame; NaN where it was not seen
     rate = float(c3d['header']['points']['frame_rate'])
     if not points.size or not rate > 0.0:
         raise MocapError(f'{file.name}: no markers in this C3D file, or no rate ({rate:g} Hz)')
     metre = metres_in((point.get('UNITS', {}).get('value') or ['mm'])[0] or 'mm', file.name)
     times = (int(c3d['header']['points']['first_frame']) + np.arange(points.shape[2])) / rate
     positions = metre * points[:3]
-    residuals = c3d['data']['meta_points']['residuals'][0]
-    positions[:, residuals < 0.0] = np.nan  # how the format says that a marker was not seen
     bodies = {
         label or f'marker {k + 1}': TrackedBody(times, positions[:, k].T)
         for k, label in enumerate(labels[: points.shape[1]])

@@ -6,6 +6,8 @@ A further one is a module with `KIND`, `matches` and `read`, and a line here.
 from pathlib import Path
 from typing import Protocol
 
+import numpy as np
+
 from sesa2.mocap import (
     c3d_file,
     euroc_csv,
@@ -56,7 +58,12 @@ def read_motion_capture(path: str | Path, rate: float | None = None) -> MotionCa
     file = ExportFile.load(path)
     for reader in READERS:
         if reader.matches(file):
-            return reader.read(file) if reader is not named_columns else named_columns.read(file, rate)
+            capture = reader.read(file) if reader is not named_columns else named_columns.read(file, rate)
+            for body in capture.bodies.values():
+                if not np.isfinite(body.times).all():
+                    sample = int(np.argmin(np.isfinite(body.times)))
+                    raise MocapError(f'{file.name}: sample {sample + 1} has no time')
+            return capture
     kinds = ', '.join(reader.KIND for reader in READERS[:-1])
     first = file.head[0][:60]
     raise MocapError(

@@ -52,6 +52,14 @@ def read(file: ExportFile) -> MotionCapture:
             cells = wanted.setdefault((types[column], names[column]), {})
             cells.setdefault(quantities[column] + axes[column].upper(), column)
 
+    for (_, name), cells in wanted.items():
+        for quantity in ('Position', 'Rotation'):
+            there = {cell[-1] for cell in cells if cell.startswith(quantity)}
+            if there and not set('XYZ') <= there:
+                raise MocapError(f'{file.name}: {KIND} whose header names {name} {", ".join(cells)} alone')
+    if not wanted or len(axes) < 2:
+        raise MocapError(f'{file.name}: {KIND} without markers or bodies in its header')
+
     notes = []
     quaternions = keys.get('Rotation Type', 'Quaternion') == 'Quaternion'
     if not quaternions and any('RotationX' in cells for cells in wanted.values()):

@@ -42,8 +42,8 @@ def read(file: ExportFile) -> MotionCapture:
     headings = _headings(file.data)
     bodies: dict[str, TrackedBody] = {}
     notes: list[str] = []
-    ends = [begin for begin, _ in headings[1:]] + [len(file.data)]
-    for (begin, section), end in zip(headings, ends, strict=True):
+    ends = [*(begin for begin, _ in headings[1:]), len(file.data)]
+    for (begin, section), end in zip(headings, ends, strict=False):
         if section in _TRACKED:
             for name, body in _section(file, begin, end, notes).items():
                 bodies.setdefault(name, body)

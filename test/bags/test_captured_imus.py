@@ -67,7 +67,7 @@ def test_times_before_zero_are_moved_and_said(start, shift):
     [
         ({'M1': body([0.0])}, 'no body is an IMU, expected names imu_<id>; there are M1. A CSV must have'),
         ({'imu_2': body([0.0]), 'Arm__imu_2': body([0.0])}, 'imu_2 and Arm:imu_2 are both IMU 2'),
-        ({'imu_2': TrackedBody(np.zeros(1), np.zeros((1, 3)))}, 'imu_2 has no orientation'),
+        ({'imu_2': TrackedBody(np.zeros(1), np.zeros((1, 3)))}, 'imu_2 has no orientation, .*; said'),
     ],
 )
 def test_refused(bodies, message):

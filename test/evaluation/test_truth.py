@@ -112,6 +112,13 @@ def test_the_poses_of_an_array_are_the_markers_in_order(tmp_path):
     np.testing.assert_array_equal(truth.trajectory.positions[0], [[1, 2, 3], [4, 5, 6]])
 
 
+def test_an_array_by_another_name_is_told_unless_it_was_asked_for(tmp_path):
+    path = arrays(tmp_path, '/poses', [(1, 2, 3), (4, 5, 6)])
+    [note] = read_truth(path, NAMES).notes
+    assert note == 'bag: the poses of /poses were taken for M1, M2, in this order'
+    assert read_truth(path, NAMES, topic='poses').notes == ()
+
+
 def test_one_that_stands_still_among_them_is_the_base(tmp_path):
     truth = read_truth(arrays(tmp_path, '/poses', [(0, 0, 0), (1, 2, 3), (4, 5, 6)]), NAMES)
     np.testing.assert_array_equal(truth.trajectory.positions[0], [[1, 2, 3], [4, 5, 6]])
