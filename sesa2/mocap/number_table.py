@@ -15,7 +15,7 @@ import numpy as np
 from sesa2.mocap.capture import MocapError
 from sesa2.shape.rotations import FloatArray
 
-_NOT_SEEN = {'', 'nan', 'na', 'n/a', 'null', 'none', '-'}
+_NOT_SEEN = {'', 'nan', 'na', 'n/a', 'null', 'none', '-', '.'}
 _GAP = b'-9223372036854775807'
 _LARGEST = 9_200_000_000_000_000_000  # beyond it, digits were lost
 _POWERS = 10.0 ** np.arange(20)
@@ -127,7 +127,11 @@ def _plain_decimals(block: bytes, columns: list[int], delimiter: str) -> FloatAr
     cells = np.flatnonzero(is_end)
     ends = places[cells]
     empty = np.diff(ends, prepend=-1) == 1
-    if empty.any():
+    gaps = empty.any()
+    last = text[ends - 1]
+    if not _digits(last[~empty] if gaps else last) or not _digits(text[places[~is_end] + 1]):
+        return None
+    if gaps:
         if delimiter == ' ':  # several blanks are one
             return None
         # An empty cell gets a number of its own, which shifts none of the points.
@@ -143,17 +147,20 @@ def _plain_decimals(block: bytes, columns: list[int], delimiter: str) -> FloatAr
     before = cells - 1
     pointed = ~is_end[before]
     pointed[0] = cells[0] > 0
+    decimals = np.where(pointed, ends - places[before] - 1, 0)
     # Each point must be in a cell of its own.
     if len(places) - len(cells) != np.count_nonzero(pointed):
         return None
-    decimals = np.where(pointed, ends - places[before] - 1, 0).reshape(n_rows, width)[:, columns]
+    decimals = decimals.reshape(n_rows, width)[:, columns]
     values = integers.reshape(n_rows, width)[:, columns]
-    gaps = empty.reshape(n_rows, width)[:, columns]
-    values[gaps] = 0
+    if gaps:
+        empty = empty.reshape(n_rows, width)[:, columns]
+        values[empty] = 0
     if values.max() > _LARGEST or values.min() < -_LARGEST:
         return None
     rows = values / _POWERS[np.minimum(decimals, len(_POWERS) - 1)]
-    rows[gaps] = np.nan
+    if gaps:
+        rows[empty] = np.nan
     return rows
 
 
@@ -183,6 +190,9 @@ def _lines_alike(
     decimals = np.where(pointed, steps[0] - 1, 0)
     if (steps[:, pointed] != steps[0, pointed]).any() or (steps[:, ~pointed] == 1).any():
         return None
+    of_lines = places.reshape(n_rows, each)
+    if not _digits(text[of_lines[:, ends] - 1]) or not _digits(text[of_lines[:, before[pointed]] + 1]):
+        return None
     integers = _integers(block, mark, point, n_rows * len(ends))
     if (
         integers is None
@@ -192,6 +202,11 @@ def _lines_alike(
     ):
         return None
     return integers.reshape(n_rows, len(ends))[:, columns] / _POWERS[decimals[columns]]
+
+
+def _digits(characters: np.ndarray) -> bool:
+    """Whether all are digits: at the end of each cell and behind each point, so that no sign or blank passes for 0."""
+    return bool((characters - np.uint8(ord('0')) < 10).all())
 
 
 def _integers(block: bytes, mark: bytes, point: bytes, n: int) -> np.ndarray | None:

@@ -64,6 +64,10 @@ def test_and_line_by_line_alike(careful_only, name):
         ('1, 2 ,3\n', [[1, 2, 3]]),
         ('0.12345678901234567890123,2,3\n', [[0.12345678901234568, 2, 3]]),
         ('NA,null,-\n1,2,3\n', [[np.nan] * 3, [1, 2, 3]]),
+        ('.,.,.\n1,2,3\n', [[np.nan] * 3, [1, 2, 3]]),
+        ('.,.,.\n', [[np.nan] * 3]),
+        ('5.,6.,.\n', [[5, 6, np.nan]]),
+        (' ,  ,3\n', [[np.nan, np.nan, 3]]),
         ('1,2,3,more\n4,5,6,words\n', [[1, 2, 3], [4, 5, 6]]),
     ],
 )
@@ -136,3 +140,15 @@ def test_the_last_cell_is_a_number_to_its_end(fast_only):
     """What does not end in a digit is not read fast."""
     with pytest.raises(TypeError):
         numbers('1,2\n3,6e-1\n', range(2))
+
+
+@given(st.text('0123456789.,-+ e\n', min_size=1, max_size=40))
+def test_the_fast_way_reads_what_the_careful_way_reads_or_nothing(text):
+    columns = [0]
+    fast = number_table._plain_decimals(text.encode(), columns, ',')
+    if fast is not None:
+        notes: list = []
+        careful, _ = number_table._any_numbers(text.encode(), columns, ',', ['a'], 'f', 1, False, True, notes)
+        fast = fast[~np.isnan(fast[:, 0])]
+        careful = careful[~np.isnan(careful[:, 0])]
+        np.testing.assert_allclose(fast, careful, rtol=1e-15)
