@@ -21,7 +21,9 @@ EXPECTED = (
     'A CSV must have the columns time_s (s) and NAME_x, NAME_y, NAME_z (m) of each marker; '
     'of each IMU imu_<id>_x, _y, _z, _w (a quaternion)'
 )
-_TIME = re.compile(r'(?:time|timestamp|t)(?:\s*[_ (\[]\s*(s|ms|us|µs|ns)\s*[)\]]?)?', re.IGNORECASE)
+_TIME = re.compile(
+    r'(?:time|timestamp|t)(?:\s*[_ (\[]\s*(s|sec|seconds|ms|us|µs|ns)\s*[)\]]?)?', re.IGNORECASE
+)
 _COMPONENT = re.compile(r'(.+?)[_.\- ](q?)([xyzwXYZW])\s*(?:[_ ]?[(\[]?\s*(mm|cm|m|in|ft)\s*[)\]]?)?')
 
 
@@ -81,7 +83,7 @@ def _time_column(file: ExportFile, header: list[str], rate: float | None) -> tup
         if header.count(header[i]) > 1:
             raise MocapError(f'{file.name}: {header.count(header[i])} columns are called {header[i]}')
         unit = (match[1] or 's').lower()
-        return i, None if unit == 's' else TIME_UNITS[unit]
+        return i, None if unit in ('s', 'sec', 'seconds') else TIME_UNITS[unit]  # seconds are seen to be so
     if frames:
         raise MocapError(f'{file.name} counts frames and has no column time_s: give the rate of the frames')
     near = difflib.get_close_matches('time_s', header, n=1, cutoff=0.0)

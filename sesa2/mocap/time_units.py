@@ -44,7 +44,7 @@ def in_seconds(times: FloatArray, column: str, where: str) -> TimesInSeconds:
     if step <= _LONGEST_STEP:
         return TimesInSeconds(times, ())
     if step <= _SLOWEST_STEP:
-        if len(times) >= _FEW and step > 1.0 and (times == np.round(times)).all() and np.ptp(steps) == 0.0:
+        if len(times) >= _FEW and step >= 1.0 and (times == np.round(times)).all() and np.ptp(steps) == 0.0:
             raise MocapError(
                 f'{where}: {column} steps by {step:g}, always: frames? milliseconds? Expected seconds, or the column '
                 f'time_ms, or frame with the rate of the frames'
