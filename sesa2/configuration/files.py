@@ -1,5 +1,7 @@
 """The configuration's file: a ROS 2 parameter file, in YAML."""
 
+import errno
+import os
 import sys
 from pathlib import Path
 from typing import Any
@@ -8,6 +10,8 @@ import yaml
 
 from sesa2.configuration.records import Configuration
 from sesa2.configuration.validation import ConfigurationError, Mistake, validate
+from sesa2.errors import shortened
+from sesa2.yaml_reading import YamlError, read_yaml, read_yaml_file
 
 
 def find(name: str) -> Path:
@@ -24,17 +28,22 @@ def find(name: str) -> Path:
         there is no such file; the message lists the shipped ones.
     """
     path = Path(name)
-    if path.is_file():
-        return path
+    try:
+        path.lstat()
+        there, why = True, ''
+    except (OSError, ValueError) as error:
+        there, why = False, getattr(error, 'strerror', None) or str(error)
+    if there and not path.is_dir():
+        return path  # whatever it is: `load` says what is wrong with it
     shipped = {p.stem: p for folder in _shipped_folders() for p in sorted(folder.glob('*.yaml'))}
     if name in shipped:
         return shipped[name]
-    if path.is_dir():
+    if there:
         raise ConfigurationError([Mistake('', 'is a folder, expected a file')], name)
     known = ', '.join(shipped) or 'none'
-    raise ConfigurationError(
-        [Mistake('', f'no such file, nor a shipped configuration (there are: {known})')], name
-    )
+    what = 'no such file' if why == os.strerror(errno.ENOENT) else f'cannot be read: {why}'
+    mistake = Mistake('', f'{what}, nor a shipped configuration (there are: {known})')
+    raise ConfigurationError([mistake], shortened(name))
 
 
 def _shipped_folders() -> list[Path]:
@@ -51,14 +60,14 @@ def load(path: str | Path) -> Configuration:
     Raises
     ------
     ConfigurationError
-        it cannot be read, is not YAML, or holds mistakes.
+        it is no file or cannot be read, is not YAML, or holds mistakes.
     """
+    source = str(path)
     try:
-        text = Path(path).read_text(encoding='utf-8')
-    except (OSError, UnicodeDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else 'is not text'
-        raise ConfigurationError([Mistake('', f'cannot be read: {reason}')], str(path)) from None
-    return parse(text, str(path))
+        document = read_yaml_file(path)
+    except YamlError as error:
+        raise _not_read(error, source) from None
+    return validate(_parameters(document, source), source)
 
 
 def load_configuration(name: str | Path) -> Configuration:
@@ -93,13 +102,15 @@ def parse(text: str, source: str) -> Configuration:
         it is not YAML, or holds mistakes.
     """
     try:
-        document = yaml.load(text, Loader=_UniqueKeyLoader)
-    except yaml.YAMLError as error:
-        mark = getattr(error, 'problem_mark', None)
-        place = f'line {mark.line + 1}, column {mark.column + 1}' if mark else ''
-        problem = getattr(error, 'problem', None) or str(error)
-        raise ConfigurationError([Mistake(place, f'YAML: {problem}')], source) from None
+        document = read_yaml(text)
+    except YamlError as error:
+        raise _not_read(error, source) from None
     return validate(_parameters(document, source), source)
+
+
+def _not_read(error: YamlError, source: str) -> ConfigurationError:
+    problem = f'YAML: {error.problem}' if error.place else error.problem
+    return ConfigurationError([Mistake(error.place, problem)], source)
 
 
 def _parameters(document: Any, source: str) -> dict[str, Any]:
@@ -108,7 +119,8 @@ def _parameters(document: Any, source: str) -> dict[str, Any]:
         raise ConfigurationError([Mistake('', f'got {type(document).__name__}, {expected}')], source)
     mistakes = [
         Mistake(
-            str(key), f"is not read, {expected}; parameters of one node alone go on that node's command line"
+            shortened(str(key)),
+            f"is not read, {expected}; parameters of one node alone go on that node's command line",
         )
         for key in document
         if key != '/**'
@@ -116,25 +128,14 @@ def _parameters(document: Any, source: str) -> dict[str, Any]:
     node = document.get('/**')
     if mistakes or not isinstance(node, dict) or not isinstance(node.get('ros__parameters'), dict):
         raise ConfigurationError(mistakes or [Mistake('', expected)], source)
-    extra = [Mistake(f'/**.{key}', f'is not read, {expected}') for key in node if key != 'ros__parameters']
+    extra = [
+        Mistake(f'/**.{shortened(str(key))}', f'is not read, {expected}')
+        for key in node
+        if key != 'ros__parameters'
+    ]
     if extra:
         raise ConfigurationError(extra, source)
     return node['ros__parameters']
-
-
-class _UniqueKeyLoader(yaml.SafeLoader):
-    """YAML keeps the last of two equal keys without a word; here that is a mistake."""
-
-    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
-        seen = set()
-        for key_node, _ in node.value:
-            key = self.construct_object(key_node, deep=deep)
-            if key in seen:
-                raise yaml.constructor.ConstructorError(
-                    None, None, f'the key {key!r} stands here a second time', key_node.start_mark
-                )
-            seen.add(key)
-        return super().construct_mapping(node, deep)
 
 
 def dump(configuration: Configuration) -> str:
