@@ -7,6 +7,7 @@ import sys
 from collections.abc import Sequence
 
 from sesa2.errors import Sesa2Error
+from sesa2.faults import fault_line, log_tracebacks
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -17,7 +18,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Exit code: 0 done, 1 failed with a message on standard error, 2 wrong usage.
     """
     # Line by line also into a pipe, so that what was said before a kill is there.
-    sys.stdout.reconfigure(line_buffering=True)  # type: ignore[union-attr]
+    # A terminal that lacks a character gets it escaped.
+    sys.stdout.reconfigure(line_buffering=True, errors='backslashreplace')  # type: ignore[union-attr]
+    log_tracebacks()
     try:
         options = _parser().parse_args(arguments)
         return options.command(options)
@@ -30,6 +33,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         print('interrupted', file=sys.stderr)
         return 128 + signal.SIGINT
+    except Exception as error:
+        print(f'error: {fault_line(error)}; SESA2_DEBUG=1 shows where it came from', file=sys.stderr)
+        return 1
 
 
 def _parser() -> argparse.ArgumentParser:

@@ -7,7 +7,6 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-import rclpy.node
 from geometry_msgs.msg import PoseArray, PoseStamped
 from nav_msgs.msg import Path
 from sensor_msgs.msg import Imu, JointState
@@ -24,6 +23,7 @@ from sesa2.messages.imu_messages import read_imu
 from sesa2.messages.results import TYPES, ResultMessages
 from sesa2.messages.robot import describe_robot
 from sesa2.messages.topic_names import CONFIGURATION, imu_data, imu_name, of_model
+from sesa2.ros.confined_node import ConfinedNode
 from sesa2.ros.diagnostics import ERROR, OK, WARN, Diagnostics, Part
 from sesa2.ros.parameters import declare_configuration
 from sesa2.ros.qos import ANY_STREAM, LATCHED, STREAM
@@ -43,7 +43,7 @@ _CLASSES = {
 }
 
 
-class EstimatorNode(rclpy.node.Node):
+class EstimatorNode(ConfinedNode):
     """Publishes one result per sweep and model, stamped with the measurement's time.
 
     Attributes

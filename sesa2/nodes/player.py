@@ -5,7 +5,6 @@ import time
 from collections.abc import Iterator
 from typing import Any
 
-import rclpy.node
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Imu
 
@@ -15,6 +14,7 @@ from sesa2.configuration import ConfigurationError, Mistake
 from sesa2.errors import Sesa2Error
 from sesa2.estimation.sweeps import RESET_NS
 from sesa2.messages.topic_names import imu_data
+from sesa2.ros.confined_node import ConfinedNode
 from sesa2.ros.diagnostics import OK, Diagnostics, Part
 from sesa2.ros.parameters import declare_configuration
 from sesa2.ros.qos import STREAM
@@ -27,15 +27,13 @@ _LINGER_S = 0.5
 _CLOCK_PERIOD_NS = 10_000_000
 
 
-class Player(rclpy.node.Node):
+class Player(ConfinedNode):
     """Publishes samples as they were measured, with the measurement's own stamps.
 
     Attributes
     ----------
-    finished
-        whether the recording has ended and was not to be looped.
-    failure
-        why it could not be played on; None while it can.
+    finished, failure
+        whether the recording has ended and was not to be looped; why it could not be played on.
     """
 
     def __init__(self, **options: Any):
@@ -58,8 +56,6 @@ class Player(rclpy.node.Node):
         self._awaited = [p for i, p in self._publishers_of_imus.items() if i in imus.used_ids]
         self._clock_publisher = self.create_publisher(Clock, '/clock', 10) if self._run.clock else None
         self._clock_ns = 0
-        self.finished = False
-        self.failure: Sesa2Error | None = None
         self.n_played = self._rounds = 0
         self._stop = threading.Event()
         self._diagnostics = Diagnostics(self, self._run.bag, self._report)
@@ -84,8 +80,8 @@ class Player(rclpy.node.Node):
             for problem in self._recording.problems:
                 self.get_logger().warning(problem)
             self._stop.wait(_LINGER_S)
-        except Sesa2Error as error:
-            self.failure = error
+        except Exception as error:
+            self.fail(error)
         finally:
             self.finished = True
 

@@ -11,6 +11,7 @@ from functools import partial
 
 from sesa2.configuration import Configuration
 from sesa2.errors import Sesa2Error
+from sesa2.ros.lifeline import Lifeline
 from sesa2.ros.spinning import Spinner, ros_context
 from sesa2.system.remote_control import RemoteControl
 from sesa2.system.terminal import Terminal
@@ -19,6 +20,7 @@ from sesa2.viewer.web_port import LOOPBACK, check_port
 
 # The link's thread and the executor take turns: Python's 5 ms would be as long as a result may take.
 _SWITCH_S = 0.0005
+_VIEWER_PATIENCE_S = 5.0
 
 
 def run(
@@ -45,7 +47,7 @@ def run(
     Raises
     ------
     Sesa2Error
-        a node cannot start, or cannot go on; or the page cannot be shown.
+        a node cannot start, or cannot go on; the page cannot be shown; or, at the end, something was lost on the way.
     """
     if viewer_port:
         check_port(LOOPBACK, viewer_port)
@@ -59,20 +61,23 @@ def run(
             _spin(spinner, system, lambda: stop.is_set() or system.finished or time.monotonic() > ends)
             if system.failure:
                 raise system.failure
-            return
-        node = RemoteControl(system, configuration)
-        spinner.add(node)
-        viewer = stack.enter_context(_Viewer(viewer_port))
-        node.try_to_start()
+        else:
+            node = RemoteControl(system, configuration)
+            spinner.add(node)
+            viewer = stack.enter_context(_Viewer(viewer_port))
+            node.try_to_start()
 
-        def ended() -> bool:
-            if stop.is_set() or time.monotonic() > ends:
-                return True
-            node.look_after()
-            viewer.look_after()
-            return False
+            def ended() -> bool:
+                if stop.is_set() or time.monotonic() > ends:
+                    return True
+                node.look_after()
+                viewer.look_after()
+                return False
 
-        _spin(spinner, system, ended)
+            _spin(spinner, system, ended)
+        system.stop()
+        if system.lost:
+            raise Sesa2Error('; '.join(dict.fromkeys(map(str, system.lost))))
 
 
 def _spin(spinner: Spinner, system: System, ended: Callable[[], bool]) -> None:
@@ -80,6 +85,7 @@ def _spin(spinner: Spinner, system: System, ended: Callable[[], bool]) -> None:
     terminal = Terminal(system)
     while not ended():
         spinner.spin_once()
+        system.end_failed()
         terminal.show_when_due()
     if not system.failure:
         terminal.show_summary()
@@ -91,11 +97,16 @@ class _Viewer:
     def __init__(self, port: int):
         self._again = f'python -m sesa2.nodes.viewer --ros-args -p port:={port}'
         self._told = False
+        self._lifeline = Lifeline()
         command = [sys.executable, '-m', 'sesa2.nodes.viewer', '--ros-args', '-p', f'port:={port}']
         # Ctrl-C reaches it too, also while it loads its libraries; it is ended from here.
         self._process = subprocess.Popen(
-            command, preexec_fn=partial(signal.signal, signal.SIGINT, signal.SIG_IGN)
+            command,
+            preexec_fn=partial(signal.signal, signal.SIGINT, signal.SIG_IGN),
+            pass_fds=(self._lifeline.descriptor,),
+            env=self._lifeline.environment,
         )
+        self._lifeline.let_go()
 
     def look_after(self) -> None:
         """Without a page from the beginning there is no use in going on; a page that is lost later must stop nothing.
@@ -105,11 +116,11 @@ class _Viewer:
         Sesa2Error
             it could not start.
         """
-        code = self._process.poll()
-        if code is None or self._told:
+        started = self._lifeline.started
+        if self._told or self._process.poll() is None:
             return
         self._told = True
-        if code > 0:
+        if not (started or self._lifeline.started):
             raise Sesa2Error('the page could not be shown')
         print(f'the viewer has ended, the system goes on; `{self._again}` shows it again', file=sys.stderr)
 
@@ -118,4 +129,9 @@ class _Viewer:
 
     def __exit__(self, *_: object) -> None:
         self._process.terminate()
-        self._process.wait()
+        try:
+            self._process.wait(_VIEWER_PATIENCE_S)
+        except subprocess.TimeoutExpired:  # it hangs, or was stopped: then it hears only this
+            self._process.kill()
+            self._process.wait()
+        self._lifeline.close()
