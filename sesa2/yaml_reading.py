@@ -68,7 +68,8 @@ def read_yaml(text: str | bytes) -> Any:
         try:
             text = text.decode('utf-8-sig')
         except UnicodeDecodeError as error:
-            raise YamlError('is not text in UTF-8', _place(text[: error.start].decode())) from None
+            before = error.object[: error.start].decode()
+            raise YamlError('is not text in UTF-8', _place(before)) from None
     try:
         loader = _Loader(text)
     except yaml.reader.ReaderError as error:  # it is checked as a whole
@@ -178,7 +179,7 @@ class _Loader(yaml.SafeLoader):
             raise _refused(f'has more than {MAX_VALUES} values', event)
         return node
 
-    def compose_mapping_node(self, anchor: str | None) -> yaml.MappingNode:
+    def compose_mapping_node(self, anchor: Any) -> yaml.MappingNode:
         """YAML keeps the last of two equal keys without a word; here that is a mistake."""
         node = super().compose_mapping_node(anchor)
         seen = set()

@@ -83,9 +83,13 @@ def run(
 def _spin(spinner: Spinner, system: System, ended: Callable[[], bool]) -> None:
     """Spin until ended, with a line a second on the terminal about what runs."""
     terminal = Terminal(system)
+    n_told = 0
     while not ended():
         spinner.spin_once()
         system.end_failed()
+        for error in system.lost[n_told:]:
+            print(f'error: {error}; the others go on', file=sys.stderr)
+        n_told = len(system.lost)
         terminal.show_when_due()
     if not system.failure:
         terminal.show_summary()

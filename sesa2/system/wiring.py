@@ -137,12 +137,13 @@ class System:
 
     def _end(self, node: ConfinedNode) -> None:
         """End a node, whatever it says to that."""
+        name = node.get_name()
         try:
             self._spinner.remove(node)
         except Sesa2Error as error:
             self.lost.append(error)
         except Exception as error:
-            self.lost.append(Sesa2Error(f'{node.get_name()}: {fault_line(error)}'))
+            self.lost.append(Sesa2Error(f'{name}: {fault_line(error)}'))
 
     def record(self, file: str) -> Path:
         """Start recording into a new bag; its path.
