@@ -6,7 +6,6 @@ once its aliases are followed. So a text is limited in size, depth and number of
 
 import os
 import re
-import stat
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -15,6 +14,7 @@ from typing import Any
 import yaml
 
 from sesa2.errors import Sesa2Error, shortened, shown
+from sesa2.regular_files import why_no_regular_file
 
 # A configuration of eight IMUs with everything has 4 levels, 300 values and 5 KiB.
 MAX_BYTES = 1 << 18
@@ -94,7 +94,8 @@ def read_yaml_file(path: str | Path) -> Any:
     YamlError
         also where it cannot be read, or is no regular file: a pipe would have its reader wait without end.
     """
-    require_regular_file(path)
+    if why := why_no_regular_file(path):
+        raise YamlError(why)
     try:
         # Without waiting, should it have become a pipe meanwhile.
         with open(os.open(path, os.O_RDONLY | os.O_NONBLOCK), 'rb') as file:  # noqa: PTH123
@@ -102,25 +103,6 @@ def read_yaml_file(path: str | Path) -> Any:
     except OSError as error:
         raise YamlError(f'cannot be read: {error.strerror}') from None
     return read_yaml(text)
-
-
-def require_regular_file(path: str | Path) -> None:
-    """Refuse a path that leads to no file, or to none that ends.
-
-    Raises
-    ------
-    YamlError
-        there is nothing, or it is a folder, a pipe, a socket or a device.
-    """
-    try:
-        mode = Path(path).stat().st_mode
-    except OSError as error:
-        raise YamlError(f'cannot be read: {error.strerror}') from None
-    except ValueError as error:  # a NUL within
-        raise YamlError(f'is no path: {error}') from None
-    if not stat.S_ISREG(mode):
-        kinds = {stat.S_IFDIR: 'folder', stat.S_IFIFO: 'pipe', stat.S_IFSOCK: 'socket'}
-        raise YamlError(f'is a {kinds.get(stat.S_IFMT(mode), "device")}, expected a file')
 
 
 def _of(mark: Any) -> str:

@@ -14,9 +14,9 @@ from rclpy.signals import SignalHandlerOptions
 from sesa2.configuration import ConfigurationError, Mistake, files
 from sesa2.errors import Sesa2Error
 from sesa2.faults import fault_line, log_tracebacks
+from sesa2.regular_files import why_no_regular_file
 from sesa2.ros.confined_node import ConfinedNode
 from sesa2.ros.signals import stop_on_signals
-from sesa2.yaml_reading import YamlError, require_regular_file
 
 # The executor hangs for good without a finite timeout, and Python sees a signal only between two waits.
 _WAIT_S = 0.1
@@ -34,10 +34,8 @@ def ros_context(arguments: Sequence[str] | None = None) -> Iterator[None]:
     arguments = sys.argv if arguments is None else arguments
     parameter_files = [path for flag, path in pairwise(arguments) if flag == '--params-file']
     for path in parameter_files:
-        try:
-            require_regular_file(path)  # rcl would wait for a pipe without end
-        except YamlError as error:
-            raise ConfigurationError([Mistake('', str(error))], path) from None
+        if why := why_no_regular_file(path):  # rcl would wait for a pipe without end
+            raise ConfigurationError([Mistake('', why)], path)
     try:
         rclpy.init(
             args=None if arguments is None else list(arguments),
