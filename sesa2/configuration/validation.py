@@ -13,7 +13,6 @@ from sesa2.shape.arm import GeometryError
 from sesa2.shape.models import MODELS
 from sesa2.shape.options import REQUIRED, ModelOptions
 
-
 # Of many mistakes the first have the same reason as the rest.
 _MOST_TOLD = 40
 
@@ -273,7 +272,7 @@ def _check_boards(c: Configuration, expect: Callable[[bool, str, str], bool]) ->
         both = 'stands beside serial.ports, expected one of the two: port for one board, ports for several'
         expect(c.serial.port == '', 'serial.port', both)
         for i, name in _repeated(ports):
-            expect(False, f'serial.ports[{i}]', f'got {name!r} a second time')
+            expect(False, f'serial.ports[{i}]', f'got {shown(name)} a second time')
     for i, name in enumerate(ports):
         place = f'serial.ports[{i}]' if c.serial.ports else 'serial.port'
         expect(name != '' or c.run.source != 'serial', place, 'is empty, expected a serial port')

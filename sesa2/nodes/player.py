@@ -73,7 +73,7 @@ class Player(ConfinedNode):
             self._wait_for_listeners()
             while not self._stop.is_set():
                 if not self._play_once() and not self._stop.is_set():
-                    self.failure = Sesa2Error(f'{self._run.bag}: nothing to play after {self._run.start:g} s')
+                    self.fail(Sesa2Error(f'{self._run.bag}: nothing to play after {self._run.start:g} s'))
                 self._rounds += 1
                 if self.failure or not self._run.loop:
                     break
@@ -83,7 +83,7 @@ class Player(ConfinedNode):
         except Exception as error:
             self.fail(error)
         finally:
-            self.finished = True
+            self._ended = True
 
     def _wait_for_listeners(self) -> None:
         """A listener that is not known yet would miss the beginning."""

@@ -29,27 +29,35 @@ class ConfinedNode(rclpy.node.Node):
     """
 
     GOES_ON = False
-    failure: Sesa2Error | None = None
-    finished = False
+    _ended_by: Sesa2Error | None = None
+    _ended = False
 
     def __init__(self, name: str, **options: Any):
         self.n_faults = 0
-        self._told = Counter[str]()
-        self._spoilt = False  # a callback was left halfway
+        self._fault_lines = Counter[str]()
+        self._left_halfway = False  # a callback was left halfway
         super().__init__(name, **options)
+
+    @property
+    def failure(self) -> Sesa2Error | None:  # noqa: D102
+        return self._ended_by
+
+    @property
+    def finished(self) -> bool:  # noqa: D102
+        return self._ended
 
     def fail(self, error: Exception) -> None:
         """End for good: by what was foreseen as it is, by anything else with its type and place."""
         if not isinstance(error, Sesa2Error):
             error = Sesa2Error(f'{self.get_name()}: {self._note(error)}')
-        self.failure, self.finished = error, True
+        self._ended_by, self._ended = error, True
 
     def confined(self, callback: Callable[..., Any]) -> Callable[..., None]:
         """A callback that raises nothing. Those of subscriptions, timers and services are so without asking."""
 
         @functools.wraps(callback)
         def call(*arguments: Any) -> None:
-            if self._spoilt:
+            if self._left_halfway:
                 return
             try:
                 callback(*arguments)
@@ -57,7 +65,7 @@ class ConfinedNode(rclpy.node.Node):
                 if self.GOES_ON:
                     self._note(error)
                 else:
-                    self._spoilt = True
+                    self._left_halfway = True
                     self.fail(error)
 
         return call
@@ -94,7 +102,7 @@ class ConfinedNode(rclpy.node.Node):
     def _note(self, error: Exception) -> str:
         line = str(error) if isinstance(error, Sesa2Error) else fault_line(error)
         self.n_faults += 1
-        self._told[line] += 1
-        if self._told[line] == 1:  # a drawing that fails would say so thirty times a second
+        self._fault_lines[line] += 1
+        if self._fault_lines[line] == 1:  # a drawing that fails would say so thirty times a second
             self.get_logger().error(line)
         return line

@@ -78,7 +78,6 @@ class System:
     def end_failed(self) -> None:
         """End the nodes that have failed and that the others do not need; why is in `lost` then."""
         for node in [node for node in self.nodes if isinstance(node, _EXPENDABLE) and node.failure]:
-            self.lost.append(node.failure)
             self.nodes.remove(node)
             self._end(node)
 
@@ -128,16 +127,15 @@ class System:
     def stop(self) -> None:
         """End all nodes, the last started first."""
         while self.nodes:
-            node = self.nodes.pop()
-            if isinstance(node, _EXPENDABLE) and node.failure:
-                self.lost.append(node.failure)
-            self._end(node)
+            self._end(self.nodes.pop())
         while self.boards:
             self.boards.pop().close()
 
     def _end(self, node: ConfinedNode) -> None:
         """End a node, whatever it says to that."""
         name = node.get_name()
+        if isinstance(node, _EXPENDABLE) and node.failure:
+            self.lost.append(node.failure)
         try:
             self._spinner.remove(node)
         except Sesa2Error as error:
