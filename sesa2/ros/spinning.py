@@ -120,7 +120,7 @@ def run_alone(make: Callable[[], ConfinedNode]) -> int:
                 spinner.add(node)
                 while not (stop.is_set() or node.finished):
                     spinner.spin_once()
-            why = str(node.failure or '')
+                why = str(node.failure or '')  # before it is closed: what that breaks off is no failure
         except Sesa2Error as error:
             why = str(error)
         except Exception as error:
