@@ -77,9 +77,10 @@ class BoardLink:
             self._connect()
             self.session.run()
         except Exception as error:
-            port = self.settings.port
-            foreseen = isinstance(error, Sesa2Error)
-            self.failure = error if foreseen else Sesa2Error(f'board on {port}: {fault_line(error)}')
+            if isinstance(error, Sesa2Error):
+                self.failure = error
+            else:
+                self.failure = Sesa2Error(f'board on {self.settings.port}: {fault_line(error)}')
             if self.was_up:
                 self.on_event(Event(Level.ERROR, f'{self.failure}; this link has ended'))
         finally:
