@@ -29,7 +29,7 @@ setup(
         'cobs>=1.2',
         'PyYAML>=6.0',
         'rosbags>=0.11.7',
-        'mcap>=1.5',
+        'mcap>=1.5',  # with lz4 and zstandard, which it compresses with
     ],
     extras_require={
         'ros': ROS,
