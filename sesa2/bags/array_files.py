@@ -22,7 +22,7 @@ def write_arrays(estimate: EstimateArrays, out: str | Path) -> list[Path]:
     """Write results into a file whose ending says which kind.
 
     `.csv`: a row an instant, a first line that names the columns: `time_s`, then by the topic that each was on, for
-    example `pcc/joint_states:pcc_001_x [rad]`, `pcc/markers:M1_x [m]`, `pcc/markers:M1_qx`, `pcc/tip_x [m]`,
+    example `pcc/joint_states:pcc_001_x [rad]`, `pcc/markers:M1_x [m]`, `pcc/markers:M1_qx`, `pcc/tip:pose_x [m]`,
     `pcc/shape:000_x [m]`. Empty: not there. `sesa2 evaluate` takes it as truth.
 
     `.npz` and `.mat`: arrays `time_s`, `stamps_ns`, `frame`, `marker_names`, `marker_arc_lengths_m`, and for each model
@@ -106,7 +106,10 @@ def _columns(estimate: EstimateArrays, name: str, m: ModelArrays) -> Iterator[tu
     yield [f'{joint_states}:{joint} [rad]' for joint in m.joint_names], m.joints
     bodies = [f'{markers}:{marker}' for marker in estimate.configuration.markers.names]
     yield _named(bodies, _POSITION + _QUATERNION), np.concatenate([m.markers, m.marker_orientations], axis=-1)
-    yield _named([tip], _POSITION + _QUATERNION), np.concatenate([m.tip, m.tip_orientation], axis=-1)
+    yield (
+        _named([f'{tip}:pose'], _POSITION + _QUATERNION),
+        np.concatenate([m.tip, m.tip_orientation], axis=-1),
+    )
     yield _named([f'{shape}:{i:03d}' for i in range(m.backbone.shape[1])], _POSITION), m.backbone
 
 

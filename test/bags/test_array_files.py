@@ -3,6 +3,7 @@
 import csv
 import io
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -48,14 +49,14 @@ def test_csv_as_pythons_reader_has_it(estimate, tmp_path):
                 np.testing.assert_array_equal(
                     column(f'{name}/markers:{marker}_{axis} [m]'), m.markers[:, k, a]
                 )
-            np.testing.assert_array_equal(column(f'{name}/tip_{axis} [m]'), m.tip[:, a])
+            np.testing.assert_array_equal(column(f'{name}/tip:pose_{axis} [m]'), m.tip[:, a])
             np.testing.assert_array_equal(column(f'{name}/shape:000_{axis} [m]'), 0.0)
             np.testing.assert_array_equal(column(f'{name}/shape:002_{axis} [m]'), m.backbone[:, 2, a])
         for a, axis in enumerate('xyzw'):
             np.testing.assert_array_equal(
                 column(f'{name}/markers:M2_q{axis}'), m.marker_orientations[:, 1, a]
             )
-            np.testing.assert_array_equal(column(f'{name}/tip_q{axis}'), m.tip_orientation[:, a])
+            np.testing.assert_array_equal(column(f'{name}/tip:pose_q{axis}'), m.tip_orientation[:, a])
     assert rows[3]['pcc/markers:M2_x [m]'] == ''
 
 
@@ -167,6 +168,20 @@ def test_evaluate_reads_the_markers_again(bag_of_estimates, models, tmp_path):
         assert found.models[other][marker].n == len(apart)
 
 
+def test_a_marker_called_tip_is_not_mixed_up_with_the_tip(bag, configuration, tmp_path):
+    named = replace(configuration, markers=replace(configuration.markers, names=('M1', 'tip')))
+    replay(bag, named, tmp_path / 'est')
+    write_arrays(read_estimate(tmp_path / 'est', ['pcc']), tmp_path / 'a.csv')
+    found = evaluate_bag(tmp_path / 'est', tmp_path / 'a.csv', time_offset=0.0)
+    assert found.models['pcc']['tip'].rmse_mm < 1e-4
+
+
+def test_with_several_models_evaluate_asks_which(bag_of_estimates, tmp_path):
+    write_arrays(read_estimate(bag_of_estimates), tmp_path / 'a.csv')
+    with pytest.raises(Sesa2Error, match='--marker M1=rigid/markers:M1'):
+        evaluate_bag(bag_of_estimates, tmp_path / 'a.csv', time_offset=0.0)
+
+
 def test_a_file_that_exists_is_left_alone(estimate, tmp_path):
     for name in ('a.csv', 'a.npz', 'a.mat', 'a_pcc_M1.tum'):
         (tmp_path / name).write_text('precious')
@@ -201,7 +216,7 @@ def test_the_command(bag_of_estimates, tmp_path, capsys):
     assert main(['export', str(bag_of_estimates), '--out', out, '--models', 'pcc']) == 0
     assert capsys.readouterr().out.startswith(f'{out}: ')
     header = (tmp_path / 'a.csv').read_text().splitlines()[0]
-    assert 'pcc/tip_x [m]' in header
+    assert 'pcc/tip:pose_x [m]' in header
     assert 'rigid' not in header
     assert main(['export', str(bag_of_estimates), '--out', out]) == 1
     assert 'exists already' in capsys.readouterr().err
