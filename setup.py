@@ -37,6 +37,7 @@ setup(
         'report': ['matplotlib>=3.8'],
         'viewer': ['viser>=1.1,<2'],
         'sim': ['pyelastica>=1.0', 'scipy>=1.11'],
+        'mat': ['scipy>=1.11'],
         'test': [
             'pytest>=8',
             'hypothesis>=6.100',
