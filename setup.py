@@ -43,6 +43,7 @@ setup(
             'hypothesis>=6.100',
             'scipy>=1.11',
             'c3d>=0.5',
+            'evo>=1.28',
             'playwright>=1.40',
             'yourdfpy>=0.0.56',
         ],
