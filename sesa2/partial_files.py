@@ -4,11 +4,15 @@ Until then they are called `.NAME.PID.partial`, and their maker holds a lock on 
 whatever ends it. So what is left over can be told from what somebody still writes, in another container too.
 """
 
+import errno
 import fcntl
 import logging
 import os
 import re
 import shutil
+import stat
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 _LOG = logging.getLogger('sesa2')
@@ -44,6 +48,77 @@ def sweep_partials(path: Path) -> list[Path]:
     except OSError:
         return []
     return [p for p, match in found if not _is_alive(int(match[1])) and _remove(p)]
+
+
+def write_whole(path: str | Path, content: str | bytes, *, overwrite: bool = False) -> None:
+    """Write a file in one step: whatever happens meanwhile, what was there before is there, or all of the new one.
+
+    Parameters
+    ----------
+    path
+        of the file; of a symbolic link, the file that it points to.
+    content
+        a text is written in UTF-8.
+    overwrite
+        whether the file may exist. Its mode then stays as it is; of a new file it is what the umask leaves.
+
+    Raises
+    ------
+    FileExistsError
+        something is there that is not to be overwritten, or is no file.
+    OSError
+        it cannot be written, for example on a full disk; nothing is left of the attempt then.
+    """
+    path = Path(path).resolve()
+    if path.exists() and not (overwrite and path.is_file()):
+        raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST), str(path))
+    sweep_partials(path)
+    partial = partial_path(path)
+    with partial.open('xb') as file:
+        try:
+            lock_partial(file.fileno())
+            if path.exists():
+                os.fchmod(file.fileno(), stat.S_IMODE(path.stat().st_mode))
+            file.write(content.encode() if isinstance(content, str) else content)
+            file.flush()
+            os.fsync(file.fileno())
+            partial.replace(path)
+        except BaseException:
+            partial.unlink(missing_ok=True)
+            raise
+    # The rename itself is on the disk only when its directory is.
+    directory = os.open(path.parent, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        os.fsync(directory)
+    finally:
+        os.close(directory)
+
+
+@contextmanager
+def whole_folder(path: Path) -> Iterator[Path]:
+    """A folder to be filled, which takes its place at the end; after an error nothing is left of it.
+
+    Parameters
+    ----------
+    path
+        where it is to be: nothing yet, or an empty folder.
+
+    Raises
+    ------
+    OSError
+        it cannot be made, or cannot take its place.
+    """
+    sweep_partials(path)
+    partial = partial_path(path)
+    partial.mkdir()
+    lock = os.open(partial, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        lock_partial(lock)
+        yield partial
+        partial.rename(path)
+    finally:
+        shutil.rmtree(partial, ignore_errors=True)
+        os.close(lock)
 
 
 def _is_alive(pid: int) -> bool:

@@ -1,5 +1,6 @@
 """What is swept is ours, and nobody's any more."""
 
+import os
 import signal
 import subprocess
 import sys
@@ -9,7 +10,7 @@ from processes import Program
 
 from sesa2.bags.recording import open_recording
 from sesa2.bags.writing import new_bag
-from sesa2.partial_files import lock_partial, sweep_partials
+from sesa2.partial_files import lock_partial, sweep_partials, whole_folder, write_whole
 
 
 @pytest.fixture
@@ -82,3 +83,47 @@ def test_a_killed_writer_of_a_bag_leaves_nothing_for_good(tmp_path):
                 assert (tmp_path / f'.bag.{other.pid}.partial').is_dir()
     with open_recording(path) as recording:
         assert not recording.problems
+
+
+def test_a_file_is_written_whole_or_not_at_all(tmp_path):
+    path = tmp_path / 'file'
+    write_whole(path, 'β')
+    assert path.read_bytes() == 'β'.encode()
+    with pytest.raises(FileExistsError):
+        write_whole(path, 'γ')
+    path.chmod(0o640)
+    write_whole(path, b'\0', overwrite=True)
+    assert path.read_bytes() == b'\0'
+    assert path.stat().st_mode & 0o777 == 0o640
+    with pytest.raises(TypeError):
+        write_whole(path, 1, overwrite=True)
+    assert path.read_bytes() == b'\0'
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_what_is_no_file_is_not_replaced_by_one(tmp_path):
+    pipe = tmp_path / 'pipe'
+    os.mkfifo(pipe)
+    for path in (pipe, tmp_path, '/dev/null'):
+        with pytest.raises(FileExistsError):
+            write_whole(path, '', overwrite=True)
+    assert list(tmp_path.iterdir()) == [pipe]
+    (tmp_path / 'link').symlink_to('aim')
+    write_whole(tmp_path / 'link', 'text')
+    assert (tmp_path / 'link').is_symlink()
+    assert (tmp_path / 'aim').read_text() == 'text'
+
+
+def test_a_folder_is_there_once_it_is_whole(tmp_path):
+    path = tmp_path / 'folder'
+    with pytest.raises(FileNotFoundError), whole_folder(path) as folder:
+        (folder / 'no' / 'half').write_text('')
+    assert list(tmp_path.iterdir()) == []
+    path.mkdir()
+    with whole_folder(path) as folder:
+        (folder / 'all').write_text('')
+        assert list(path.iterdir()) == []
+    assert [p.name for p in path.iterdir()] == ['all']
+    with pytest.raises(OSError, match='not empty'), whole_folder(path) as folder:
+        pass
+    assert list(tmp_path.iterdir()) == [path]

@@ -6,7 +6,6 @@ caller for seconds: a power cut may cost what the kernel had not yet written, us
 """
 
 import os
-import shutil
 import time
 from collections import Counter
 from collections.abc import Iterator, Sequence
@@ -20,7 +19,7 @@ from sesa2.bags.chunk_index_file import ChunkIndexFile
 from sesa2.bags.definitions import definition
 from sesa2.bags.mcap_file import McapFile
 from sesa2.errors import Sesa2Error
-from sesa2.partial_files import lock_partial, partial_path, sweep_partials
+from sesa2.partial_files import whole_folder, write_whole
 
 FLUSH_EVERY = 0.5  # s
 CHUNK_SIZE = 1 << 20  # bytes
@@ -174,7 +173,7 @@ class BagWriter:
             os.fsync(self._file.fileno())
             self._file.close()
             self._chunk_indexes.close()
-            (self.path / 'metadata.yaml').write_text(self._metadata(), encoding='utf-8')
+            write_whole(self.path / 'metadata.yaml', self._metadata())
         except OSError as error:
             raise self._failure(error) from None
 
@@ -298,25 +297,13 @@ def new_bag(path: str | Path) -> Iterator[BagWriter]:
     path = Path(path)
     if path.exists():
         raise Sesa2Error(f'{path}: exists already, expected the name of a new bag')
-    sweep_partials(path)
-    partial = partial_path(path)
     try:
-        partial.mkdir()
-        lock = os.open(partial, os.O_RDONLY | os.O_DIRECTORY)
-        lock_partial(lock)
+        with whole_folder(path) as folder:
+            bag = BagWriter(folder, path.name)
+            try:
+                yield bag
+                bag.close()
+            finally:
+                bag.abandon()
     except OSError as error:
         raise _not_written(path, error) from None
-    try:
-        bag = BagWriter(partial, path.name)
-        try:
-            yield bag
-            bag.close()
-        finally:
-            bag.abandon()
-        try:
-            partial.rename(path)
-        except OSError as error:
-            raise _not_written(path, error) from None
-    finally:
-        shutil.rmtree(partial, ignore_errors=True)
-        os.close(lock)

@@ -9,6 +9,7 @@ from sesa2.commands.arguments import add_config, load_config, warn
 from sesa2.configuration import Configuration, files
 from sesa2.configuration.description import table
 from sesa2.errors import Sesa2Error
+from sesa2.partial_files import write_whole
 from sesa2.shape.rotations import FloatArray
 from sesa2.time import NS
 
@@ -71,7 +72,7 @@ def run(options: argparse.Namespace) -> int:
         options.headings,
     )
     try:
-        options.out.write_text(files.dump(c.with_alignment(mountings, headings)), encoding='utf-8')
+        write_whole(options.out, files.dump(c.with_alignment(mountings, headings)))
     except OSError as error:
         raise Sesa2Error(f'{options.out}: cannot be written: {error.strerror}') from None
     print(f'written to {options.out}')

@@ -10,6 +10,7 @@ from sesa2.configuration import files
 from sesa2.errors import Sesa2Error
 from sesa2.messages.poses import read_path, read_pose_array
 from sesa2.messages.topic_names import absolute, of_model
+from sesa2.partial_files import write_whole
 from sesa2.time import NS
 
 
@@ -43,7 +44,7 @@ def run(options: argparse.Namespace) -> int:
     times, backbones, markers = _read(options.bag, chosen, options.start, options.duration)
     page = view_html(c, times, backbones, markers)
     try:
-        options.html.write_text(page, encoding='utf-8')
+        write_whole(options.html, page)
     except OSError as error:
         raise Sesa2Error(f'{options.html}: cannot be written: {error.strerror}') from None
     print(f'{options.html}: {times[-1] - times[0]:.1f} s, {len(page) / 2**20:.1f} MiB')

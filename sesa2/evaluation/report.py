@@ -1,7 +1,5 @@
 """A report of one or more evaluations: PNG figures and one page that needs nothing else."""
 
-import os
-import shutil
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -10,6 +8,7 @@ from sesa2.evaluation.drawn_pose import DrawnPose
 from sesa2.evaluation.plots import Series
 from sesa2.evaluation.report_page import EvaluatedTrial, Figure, page
 from sesa2.evaluation.trajectory import EvaluationError
+from sesa2.partial_files import whole_folder
 
 __all__ = ['DrawnPose', 'EvaluatedTrial', 'write_report']
 
@@ -44,19 +43,16 @@ def write_report(
     if not labels or len(set(labels)) != len(labels):
         raise EvaluationError(f'trials labelled {labels}, expected at least one, all different')
     plots.require_matplotlib()
-    partial = directory.with_name(f'.{directory.name}.{os.getpid()}.partial')
     try:
         if directory.exists() and (not directory.is_dir() or any(directory.iterdir())):
             raise EvaluationError(f'{directory} exists; give a directory that does not, or an empty one')
-        partial.mkdir(parents=True)
-        try:
+        if not directory.parent.exists():
+            directory.parent.mkdir(parents=True)
+        with whole_folder(directory) as folder:
             figures = _figures(trials)
             for figure in figures:
-                (partial / figure.file).write_bytes(figure.png)
-            (partial / PAGE).write_text(page(title, trials, figures), encoding='utf-8')
-            partial.replace(directory)
-        finally:
-            shutil.rmtree(partial, ignore_errors=True)
+                (folder / figure.file).write_bytes(figure.png)
+            (folder / PAGE).write_text(page(title, trials, figures), encoding='utf-8')
     except OSError as e:
         raise EvaluationError(f'cannot write the report to {directory}: {e.strerror}') from e
     return directory / PAGE

@@ -2,11 +2,13 @@
 
 import zipfile
 from dataclasses import dataclass, fields
+from io import BytesIO
 from pathlib import Path
 
 import numpy as np
 
 from sesa2.errors import Sesa2Error
+from sesa2.partial_files import write_whole
 from sesa2.regular_files import why_no_regular_file
 from sesa2.sensing.imu.error_model import orientations_at
 from sesa2.shape.rotations import FloatArray
@@ -101,9 +103,10 @@ class Trial:
         TrialError
             the file exists, or cannot be written.
         """
+        content = BytesIO()
+        np.savez_compressed(content, **{item.name: getattr(self, item.name) for item in fields(self)})
         try:
-            with Path(path).open('xb') as file:
-                np.savez_compressed(file, **{item.name: getattr(self, item.name) for item in fields(self)})
+            write_whole(path, content.getvalue())
         except FileExistsError:
             raise TrialError(f'{path} exists already') from None
         except OSError as error:

@@ -14,6 +14,7 @@ from sesa2.configuration import Configuration, files
 from sesa2.errors import Sesa2Error
 from sesa2.faults import fault_line
 from sesa2.messages.colours import model_colours
+from sesa2.partial_files import write_whole
 from sesa2.viewer.fields import mistake_html
 from sesa2.viewer.form import Form
 from sesa2.viewer.live import Live
@@ -232,8 +233,7 @@ class Page:
             raise Sesa2Error(f'{path}: expected a file name that ends in .yaml')
         text = files.dump(self._checked())
         try:
-            with path.open('w' if overwrite else 'x', encoding='utf-8') as file:
-                file.write(text)
+            write_whole(path, text, overwrite=overwrite)
         except FileExistsError:
             raise Sesa2Error(f'{path} exists; tick overwrite, or choose another name') from None
         except OSError as error:

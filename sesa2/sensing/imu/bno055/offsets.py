@@ -4,8 +4,6 @@ The chip has no memory of its own for them (thesis 4.2.4): they are read from it
 are full, kept here, and written back at every start.
 """
 
-import os
-import stat
 import struct
 from collections.abc import Iterable
 from dataclasses import astuple, dataclass
@@ -16,7 +14,7 @@ from typing import Any, NamedTuple
 import yaml
 
 from sesa2.errors import Sesa2Error, shortened, shown
-from sesa2.partial_files import lock_partial, partial_path, sweep_partials
+from sesa2.partial_files import write_whole
 from sesa2.yaml_reading import YamlError, read_yaml_file
 
 Vector = tuple[int, int, int]
@@ -132,33 +130,9 @@ def save_offsets(path: Path | str, imu_id: int, offsets: Offsets, saved_at: date
     document['imus'][imu_id] = entry
     text = yaml.safe_dump(document, sort_keys=False, default_flow_style=None, allow_unicode=True)
     try:
-        _replace(path, text.encode())
+        write_whole(path, text, overwrite=True)
     except OSError as error:
         raise OffsetsError(f'{path}: offsets of IMU {imu_id} not saved: {error.strerror}') from None
-
-
-def _replace(path: Path, content: bytes) -> None:
-    """The mode stays as it is; of a new file it is what the umask leaves."""
-    sweep_partials(path)
-    partial = partial_path(path)
-    with partial.open('xb') as file:
-        try:
-            lock_partial(file.fileno())
-            if path.exists():
-                os.fchmod(file.fileno(), stat.S_IMODE(path.stat().st_mode))
-            file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
-            partial.replace(path)
-        except BaseException:
-            partial.unlink(missing_ok=True)
-            raise
-    # The rename itself is on the disk only when its directory is.
-    directory = os.open(path.parent, os.O_RDONLY | os.O_DIRECTORY)
-    try:
-        os.fsync(directory)
-    finally:
-        os.close(directory)
 
 
 def _read(path: Path) -> dict[str, Any]:
