@@ -40,7 +40,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _parser() -> argparse.ArgumentParser:
     # Here, so that Ctrl-C while the libraries are loaded ends it as at any other time.
-    from sesa2.commands import align, board, budget, check, evaluate, export, replay, run, twin, view
+    from sesa2.commands import align, board, budget, check, evaluate, export, offsets, replay, run, twin, view
 
     parser = argparse.ArgumentParser(
         prog='sesa2', description='Shape of a soft continuum arm from the orientations of IMUs along it.'
@@ -54,6 +54,7 @@ def _parser() -> argparse.ArgumentParser:
         ('evaluate', evaluate, 'error against motion capture'),
         ('export', export, 'results as CSV, npz, mat or TUM trajectories'),
         ('view', view, 'a recording as one page with a time line'),
+        ('offsets', offsets, 'offsets of a BNO055 that another program kept, into a calibration file'),
         ('budget', budget, 'the error to expect at each marker, by source'),
         ('twin', twin, 'a simulated trial, with the truth'),
         ('board', board, 'a virtual board on a pseudo-terminal'),

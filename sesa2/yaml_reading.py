@@ -87,22 +87,26 @@ def read_yaml(text: str | bytes) -> Any:
 
 
 def read_yaml_file(path: str | Path) -> Any:
-    """The document in a file; see `read_yaml`.
+    """The document in a file; see `read_yaml` and `read_small_file`."""
+    return read_yaml(read_small_file(path))
+
+
+def read_small_file(path: str | Path) -> bytes:
+    """What is in a file of a size that `read_yaml` takes; of a larger one, a byte more than that.
 
     Raises
     ------
     YamlError
-        also where it cannot be read, or is no regular file: a pipe would have its reader wait without end.
+        it cannot be read, or is no regular file: a pipe would have its reader wait without end.
     """
     if why := why_no_regular_file(path):
         raise YamlError(why)
     try:
         # Without waiting, should it have become a pipe meanwhile.
         with open(os.open(path, os.O_RDONLY | os.O_NONBLOCK), 'rb') as file:  # noqa: PTH123
-            text = file.read(MAX_BYTES + 1)
+            return file.read(MAX_BYTES + 1)
     except OSError as error:
         raise YamlError(f'cannot be read: {error.strerror}') from None
-    return read_yaml(text)
 
 
 def _of(mark: Any) -> str:

@@ -75,7 +75,7 @@ class CalibrationNode(ConfinedNode):
             why = 'may not be written into' if folder.is_dir() else 'is not there'
             raise OffsetsError(f'{self._file}: offsets cannot be saved: the folder {folder} {why}')
         if there:
-            load_offsets(self._file, ())
+            load_offsets(self._file, ())  # refuses also a file of another program, which would be lost
             sweep_partials(self._file.resolve())
 
     def _take(self, imu: int, message: ImuCalibration) -> None:

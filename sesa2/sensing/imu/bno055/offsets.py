@@ -5,7 +5,7 @@ are full, kept here, and written back at every start.
 """
 
 import struct
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import astuple, dataclass
 from datetime import datetime, timezone
 from pathlib import Path
@@ -15,13 +15,19 @@ import yaml
 
 from sesa2.errors import Sesa2Error, shortened, shown
 from sesa2.partial_files import write_whole
-from sesa2.yaml_reading import YamlError, read_yaml_file
+from sesa2.sensing.imu.bno055.foreign_offsets import (
+    KEYS,
+    ForeignOffsetsError,
+    int16_of,
+    words_in_hex,
+    words_of,
+)
+from sesa2.yaml_reading import YamlError, read_small_file, read_yaml
 
 Vector = tuple[int, int, int]
 
 _REGISTERS = struct.Struct('<11h')
-_VECTORS = ('accel_offset', 'mag_offset', 'gyro_offset')
-_RADII = ('accel_radius', 'mag_radius')
+_VECTORS, _RADII = KEYS[:3], KEYS[3:]
 
 
 class OffsetsError(Sesa2Error):
@@ -49,8 +55,17 @@ class Offsets:
     @classmethod
     def from_registers(cls, registers: bytes) -> 'Offsets':
         """From the 22 bytes of registers 0x55 to 0x6A."""
-        values = _REGISTERS.unpack(registers)
-        return cls(values[0:3], values[3:6], values[6:9], values[9], values[10])
+        return cls.from_words(_REGISTERS.unpack(registers))
+
+    @classmethod
+    def from_words(cls, words: Sequence[int]) -> 'Offsets':
+        """From eleven numbers in the order of the registers, int16."""
+        x, y, z, mx, my, mz, gx, gy, gz, accel_radius, mag_radius = words
+        return cls((x, y, z), (mx, my, mz), (gx, gy, gz), accel_radius, mag_radius)
+
+    def __str__(self) -> str:
+        accel, mag, gyro, *radii = astuple(self)
+        return f'accel {accel}, mag {mag}, gyro {gyro}, radii {radii[0]} and {radii[1]}'
 
     def to_registers(self) -> bytes:
         """The 22 bytes of registers 0x55 to 0x6A."""
@@ -88,14 +103,20 @@ def offsets_are_there(path: Path | str) -> bool:
 def load_offsets(path: Path | str, ids: Iterable[int]) -> SavedOffsets:
     """Read the offsets of some IMUs; entries of others are left unread.
 
+    A file of one chip, as another program wrote it (`foreign_offsets`), will do where one IMU is asked for.
+
     Raises
     ------
     OffsetsError
         Naming the file and, if it is about one, the IMU, the key and what was expected.
     """
-    path = Path(path)
-    entries = _read(path)['imus']
-    ids = tuple(ids)
+    path, ids = Path(path), tuple(ids)
+    document = _read(path)
+    if isinstance(document, Offsets):
+        if len(ids) != 1:
+            raise _of_one_chip(path, document)
+        return SavedOffsets({ids[0]: document}, ())
+    entries = document['imus']
     found = {imu_id: _parse(entries[imu_id], f'{path}: imus.{imu_id}') for imu_id in ids if imu_id in entries}
     return SavedOffsets(found, tuple(imu_id for imu_id in ids if imu_id not in found))
 
@@ -123,6 +144,8 @@ def save_offsets(path: Path | str, imu_id: int, offsets: Offsets, saved_at: date
         (the old one is untouched then).
     """
     document = _read(Path(path)) if offsets_are_there(path) else {'imus': {}}
+    if isinstance(document, Offsets):
+        raise _of_one_chip(Path(path), document)
     path = Path(path).resolve()
     entry: dict[str, Any] = {key: list(getattr(offsets, key)) for key in _VECTORS}
     entry |= {key: getattr(offsets, key) for key in _RADII}
@@ -135,16 +158,54 @@ def save_offsets(path: Path | str, imu_id: int, offsets: Offsets, saved_at: date
         raise OffsetsError(f'{path}: offsets of IMU {imu_id} not saved: {error.strerror}') from None
 
 
-def _read(path: Path) -> dict[str, Any]:
+def read_chip_offsets(path: Path | str) -> Offsets:
+    """Read a file that holds the offsets of one chip, as another program wrote it.
+
+    Raises
+    ------
+    OffsetsError
+        it cannot be read, or is not of one chip.
+    """
+    document = _read(Path(path))
+    if not isinstance(document, Offsets):
+        raise OffsetsError(
+            f'{path}: a calibration file of IMUs {_listed(document["imus"])}, expected that of one chip'
+        )
+    return document
+
+
+def _of_one_chip(path: Path, offsets: Offsets) -> OffsetsError:
+    return OffsetsError(
+        f'{path}: offsets of one chip ({offsets}), and it does not say of which IMU; '
+        f'`sesa2 offsets ID={path} --out FILE` puts them into a calibration file'
+    )
+
+
+def _listed(ids: Iterable[int]) -> str:
+    return ', '.join(map(str, ids)) or 'none'
+
+
+def _read(path: Path) -> dict[str, Any] | Offsets:
+    """The document of a calibration file, or what a file of one chip says."""
     try:
-        document = read_yaml_file(path)
+        content = read_small_file(path)
+        words = words_in_hex(content.decode('utf-8-sig', 'replace'))
+        if words:
+            return Offsets.from_words(words)
+        document = read_yaml(content)
     except YamlError as error:
         place = f'{path}, {error.place}' if error.place else f'calibration file {path}'
         raise OffsetsError(f'{place}: {error.problem}') from None
+    except ForeignOffsetsError as error:
+        raise OffsetsError(f'{path}: {error}') from None
     if not isinstance(document, dict) or not isinstance(document.get('imus'), dict):
-        raise OffsetsError(
-            f'{path}: no calibration file, expected a mapping "imus: {{1: {{accel_offset: […], …}}}}"'
-        )
+        try:
+            return Offsets.from_words(words_of(document))
+        except ForeignOffsetsError as error:
+            raise OffsetsError(
+                f'{path}: no calibration file ({error}), expected a mapping '
+                '"imus: {1: {accel_offset: [x, y, z], mag_offset: …, gyro_offset: …, accel_radius: …, mag_radius: …}}"'
+            ) from None
     for imu_id in document['imus']:
         if isinstance(imu_id, bool) or not isinstance(imu_id, int):
             raise OffsetsError(
@@ -156,6 +217,11 @@ def _read(path: Path) -> dict[str, Any]:
 def _parse(entry: object, place: str) -> Offsets:
     if not isinstance(entry, dict):
         raise OffsetsError(f'{place}: expected a mapping of offsets, got {shown(entry)}')
+    if not set(entry) & {*KEYS}:  # as another program names them
+        try:
+            return Offsets.from_words(words_of(entry))
+        except ForeignOffsetsError as error:
+            raise OffsetsError(f'{place}: {error}') from None
     for key in (*_VECTORS, *_RADII):
         if key not in entry:
             raise OffsetsError(f'{place}: key {key} is missing')
@@ -172,6 +238,7 @@ def _vector(value: object, place: str) -> Vector:
 
 
 def _int16(value: object, place: str) -> int:
-    if isinstance(value, bool) or not isinstance(value, int) or not -32768 <= value <= 32767:
-        raise OffsetsError(f'{place}: expected a whole number from -32768 to 32767, got {shown(value)}')
-    return value
+    try:
+        return int16_of(value)
+    except ForeignOffsetsError as error:
+        raise OffsetsError(f'{place}: {error}') from None
