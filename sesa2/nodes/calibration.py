@@ -26,11 +26,13 @@ from sesa2.sensing.imu.bno055.offsets import (
     offsets_are_there,
     save_offsets,
 )
-from sesa2.sensing.imu.bno055.scores import Scores
+from sesa2.sensing.imu.bno055.scores import SYSTEM_PATIENCE, Scores
 
 
 class CalibrationNode(ConfinedNode):
     """Saves an IMU's offsets the moment its scores are complete, and those of all when asked.
+
+    Calibrating, the system score may stay low: then what the bridge reads is saved too, and nothing more is asked for.
 
     Attributes
     ----------
@@ -56,6 +58,7 @@ class CalibrationNode(ConfinedNode):
         self.steps: dict[int, str] = {}
         self._offsets: dict[int, Offsets] = {}
         self._complete: dict[int, bool] = {}
+        self._done: set[int] = set()  # saved when they were complete: whatever their scores do then
         self._failure = ''
         # Not what was said before: it may be of chips that another bridge served. The present one repeats itself.
         self._subscriptions_of_imus = [
@@ -80,11 +83,16 @@ class CalibrationNode(ConfinedNode):
 
     def _take(self, imu: int, message: ImuCalibration) -> None:
         scores = Scores(message.sys, message.gyro, message.accel, message.mag)
-        step = scores.next_step(self._fusion)
+        full, complete = scores.sensors_complete(self._fusion), scores.complete(self._fusion)
+        calibrates = self.configuration.run.mode == 'calibrate'
+        step = 'calibrated' if imu in self._done else scores.next_step(self._fusion)
+        if calibrates and full and not complete and imu not in self._done:
+            step += f'; should its system score stay low, its offsets are saved after {SYSTEM_PATIENCE:g} s'
         if self.steps.get(imu) != step:
             self.steps[imu] = step
-            self.get_logger().info(f'IMU {imu}: {step}')
-        self._complete[imu] = scores.complete(self._fusion)
+            if imu not in self._done:
+                self.get_logger().info(f'IMU {imu}: {step}')
+        self._complete[imu] = complete or (calibrates and full)
         if not message.offsets_valid:
             return
         self._offsets[imu] = Offsets(
@@ -97,6 +105,12 @@ class CalibrationNode(ConfinedNode):
         if self._complete[imu] and self.saved.get(imu) != self._offsets[imu]:
             try:
                 self._save(imu)
+                self._done.add(imu)
+                if not complete:
+                    self.get_logger().warning(
+                        f'IMU {imu}: its system score is {scores.sys} of 3; gyroscope, accelerometer and magnetometer, '
+                        'whose offsets were saved, are calibrated'
+                    )
             except Sesa2Error as error:
                 self._failure = str(error)
                 self.get_logger().error(self._failure)
@@ -128,6 +142,13 @@ class CalibrationNode(ConfinedNode):
         if unknown:
             response.message += f'; not read yet: {", ".join(map(str, unknown))}'
         return response
+
+    @property
+    def result(self) -> str:
+        """Of which IMUs the offsets were saved, and of which not."""
+        saved = ', '.join(str(i) for i in self._ids if i in self.saved) or 'none'
+        absent = ', '.join(str(i) for i in self._ids if i not in self.saved)
+        return f'offsets saved of: {saved}' + (f'; not of: {absent}' if absent else '')
 
     def _report(self) -> list[Part]:
         parts: list[Part] = []

@@ -32,7 +32,7 @@ from sesa2.ros.qos import LATCHED, STREAM
 from sesa2.ros.spinning import run_alone
 from sesa2.sensing.imu.addresses import address_of, ids_by_board
 from sesa2.sensing.imu.bno055.offsets import Offsets, OffsetsError, load_offsets, offsets_are_there
-from sesa2.sensing.imu.bno055.scores import Scores
+from sesa2.sensing.imu.bno055.scores import SYSTEM_PATIENCE, Scores
 from sesa2.time import NS
 
 # Eight chips take 40 ms each; one that changes its mode lets the board say "busy" meanwhile.
@@ -63,6 +63,10 @@ class SerialBridge(ConfinedNode):
         }
         self._offsets: dict[int, Offsets] = {}
         self._scores: dict[int, Scores] = {}
+        self._full_since: dict[int, float] = {}  # since when the sensors' scores are complete
+        self._learnt: dict[
+            int, bool
+        ] = {}  # whose offsets were read for the file, and whether with all scores
         ids = ids_by_board(self._ids)
         self.links: list[BoardLink] = []
         for board, port in enumerate(c.serial.all_ports):
@@ -164,14 +168,28 @@ class SerialBridge(ConfinedNode):
             self._data_publishers[i].publish(self._imu_messages[i].make(stamp_ns, orientation, acceleration))
 
     def _take_scores(self, imu: int, scores: Scores) -> None:
-        before, self._scores[imu] = self._scores.get(imu), scores
+        self._scores[imu] = scores
         # The fusion has moved on: what was read before is not what it uses at these scores.
         self._offsets.pop(imu, None)
-        fusion = self.configuration.serial.fusion
-        newly = scores.complete(fusion) and not (before and before.complete(fusion))
-        if newly and self.configuration.run.mode == 'calibrate':
-            self._submit(imu, self._learn).add_done_callback(self._tell_failure)
+        if scores.sensors_complete(self.configuration.serial.fusion):
+            self._full_since.setdefault(imu, time.monotonic())
+        else:
+            self._full_since.pop(imu, None)
+        self._learn_when_ready(imu)
         self._publish_calibration(imu)
+
+    def _learn_when_ready(self, imu: int) -> None:
+        """Once with all scores; before that, once without the system's, should it stay low.
+
+        Not again when scores come back: reading takes the chip out of its fusion, and then they come and go.
+        """
+        since, learnt = self._full_since.get(imu), self._learnt.get(imu)
+        if self.configuration.run.mode != 'calibrate' or since is None or learnt:
+            return
+        complete = self._scores[imu].complete(self.configuration.serial.fusion)
+        if complete or (learnt is None and time.monotonic() - since > SYSTEM_PATIENCE):
+            self._learnt[imu] = complete
+            self._submit(imu, self._learn).add_done_callback(functools.partial(self._tell_failure, imu))
 
     def _submit(self, imu: int, job: Callable[[int, Board], Any]) -> 'Future[Any]':
         """Have the thread of an IMU's board do something with it."""
@@ -189,8 +207,9 @@ class SerialBridge(ConfinedNode):
         board.write_offsets(imu, offsets)
         self._saved[imu] = offsets
 
-    def _tell_failure(self, future: 'Future[None]') -> None:
+    def _tell_failure(self, imu: int, future: 'Future[None]') -> None:
         if error := future.exception():
+            self._learnt.pop(imu, None)
             self.on_event(Event(Level.WARN, str(error)))
 
     # Called by the executor
@@ -214,6 +233,7 @@ class SerialBridge(ConfinedNode):
 
     def _publish_calibrations(self) -> None:
         for i in list(self._scores):
+            self._learn_when_ready(i)
             self._publish_calibration(i)
 
     def _publish_calibration(self, imu: int) -> None:

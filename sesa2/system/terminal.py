@@ -52,6 +52,8 @@ class Terminal:
             parts += [f'{n} samples dropped: {why}' for why, n in estimator.assembler.dropped.items()]
         if self._system.bridge:
             parts.append(self._link())
+        if (calibration := self._system.calibration) and calibration.configuration.run.mode == 'calibrate':
+            parts.append(calibration.result)
         print('done' + ''.join(f'; {part}' for part in parts))
 
     def _rates(self, now: float) -> str:

@@ -190,6 +190,11 @@ class System:
         return self._running(SerialBridge)
 
     @property
+    def calibration(self) -> CalibrationNode | None:
+        """The calibration node, where one runs."""
+        return self._running(CalibrationNode)
+
+    @property
     def recorder(self) -> Recorder | None:
         """The recorder, where one runs."""
         return self._running(Recorder)

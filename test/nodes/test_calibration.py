@@ -1,6 +1,7 @@
 """The calibration node on a real graph: alone with made-up scores, and with a bridge and a virtual board."""
 
 import os
+import time
 
 import numpy as np
 import pytest
@@ -11,10 +12,13 @@ from std_srvs.srv import Trigger
 from virtual_arms import arm_of, halted, plausible
 
 from sesa2.configuration import ConfigurationError, validate
+from sesa2.link.packets import register_of
+from sesa2.link.virtual import chip
 from sesa2.nodes.calibration import CalibrationNode
 from sesa2.nodes.serial_bridge import SerialBridge
 from sesa2.ros.qos import LATCHED
 from sesa2.sensing.imu.bno055.offsets import Offsets, OffsetsError, load_offsets, save_offsets
+from sesa2.sensing.imu.bno055.scores import Scores
 
 OLD = Offsets((9, 9, 9), (9, 9, 9), (9, 9, 9), 999, 999)
 NEW = Offsets((1, -2, 3), (400, -500, 600), (-7, 8, -9), 1001, 777)
@@ -37,8 +41,9 @@ def file(tmp_path):
 
 
 @pytest.fixture
-def node(graph, configured, file):
-    return graph.add(CalibrationNode(parameter_overrides=configured(values(file))))
+def node(graph, configured, file, request):
+    mode = getattr(request, 'param', 'stream')
+    return graph.add(CalibrationNode(parameter_overrides=configured(values(file, mode=mode))))
 
 
 @pytest.fixture
@@ -199,3 +204,68 @@ def test_a_calibration_from_first_to_last(graph, configured, boards, file):
             lambda i=i: Offsets.from_registers(board._chips[i].read_offsets()) == learned[i],
             f'IMU {i} restored',
         )
+
+
+CALIBRATING = pytest.mark.parametrize('node', ['calibrate'], indirect=True)
+
+
+@CALIBRATING
+def test_a_system_score_that_stays_low_keeps_nothing_from_being_saved(graph, node, say, file):
+    logs = graph.listen_to_logs()
+    say(5, (1, 3, 3, 3))
+    graph.until(lambda: 'stay low' in node.steps.get(5, ''), 'heard')
+    assert not file.exists()
+    say(5, (1, 3, 3, 3), OLD)
+    graph.until(lambda: 5 in node.saved, 'saved')
+    assert load_offsets(file, (5,)).offsets == {5: OLD}
+    graph.until(lambda: [m for m in logs if 'IMU 5: its system score is 1 of 3' in m.msg], 'the remark')
+    assert node.result == 'offsets saved of: 5; not of: 2'
+    said = len(logs)
+    for scores in [(3, 3, 3, 3), (1, 3, 3, 3), (0, 3, 2, 3), (1, 3, 3, 3)]:  # quiet from then on
+        say(5, scores)
+    say(5, (3, 3, 3, 3), NEW)
+    graph.until(lambda: node.saved[5] == NEW, 'saved anew')
+    graph.until(lambda: len(logs) > said, 'told')
+    assert [m.msg for m in logs[said:]] == [f'IMU 5: offsets saved in {file}']
+
+
+@CALIBRATING
+def test_a_sensor_that_is_not_calibrated_is_not_saved(graph, node, say, file):
+    say(2, (3, 3, 3, 2), OLD)
+    say(5, (3, 3, 2, 3), OLD)
+    graph.until(lambda: len(node.steps) == 2, 'heard')
+    assert not file.exists()
+    assert node.result == 'offsets saved of: none; not of: 2, 5'
+
+
+def test_while_streaming_a_low_system_score_is_no_calibration(graph, node, say, file):
+    say(5, (1, 3, 3, 3), OLD)
+    graph.until(lambda: node.steps, 'heard')
+    assert not file.exists()
+
+
+@pytest.mark.parametrize('highest', [lambda: 1, lambda: 3 if int(time.monotonic() * 2) % 2 else 1])
+def test_a_board_whose_system_score_is_low_or_comes_and_goes(
+    graph, configured, boards, file, monkeypatch, highest
+):
+    """Saved once each, after some seconds at the latest, and no word more."""
+    monkeypatch.setattr(
+        chip, 'register_of', lambda s: register_of(Scores(min(s.sys, highest()), s.gyro, s.accel, s.mag))
+    )
+    c = validate(values(file, mode='calibrate'))
+    board = boards(arm_of(c, halted(plausible(c, 0.0))), calibration_s=1.0)
+    learned = {i: Offsets.from_registers(board._chips[i]._learned) for i in (2, 5)}
+    calibrate = configured(values(file, board.path, 'calibrate'))
+    calibration = graph.add(CalibrationNode(parameter_overrides=calibrate))
+    logs = graph.listen_to_logs()
+    graph.add(SerialBridge(parameter_overrides=calibrate))
+    heard = graph.listen(ImuCalibration, 'imu_2/calibration', LATCHED)
+    graph.until(lambda: len(calibration.saved) == 2, 'both saved')
+    assert load_offsets(file, (2, 5)) == (learned, ())
+    told, n = [m.msg for m in logs if 'IMU ' in m.msg], len(heard)
+    graph.until(lambda: len(heard) >= n + 6, 'scores of some seconds more')
+    later = [m.msg for m in logs if 'IMU ' in m.msg][len(told) :]
+    # The first saving may have been with a low score, the second is with a full one.
+    assert all('offsets saved' in line or 'its system score' in line for line in later), later
+    assert sum('IMU 2: offsets saved' in line for line in told + later) <= 2
+    assert len(calibration.saved) == 2

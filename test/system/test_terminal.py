@@ -45,7 +45,7 @@ def system(boards, request):
         n_sweeps=10,
         assembler=SimpleNamespace(dropped={'norm is not 1': 3}),
     )
-    return SimpleNamespace(estimator=estimator, boards=[board], bridge=None)
+    return SimpleNamespace(estimator=estimator, boards=[board], bridge=None, calibration=None)
 
 
 SETTINGS = [('base', 0), ('world', 0), ('base', 8), ('world', 8)]

@@ -3,6 +3,9 @@
 from typing import NamedTuple
 
 COMPLETE = 3
+# The system score says how sure the fusion is at the moment. Of some chips it stays low or comes and goes for minutes,
+# while the sensors, whose offsets are kept, are calibrated; then it is not waited for longer than this, s.
+SYSTEM_PATIENCE = 5.0
 
 
 class Scores(NamedTuple):
@@ -21,7 +24,11 @@ class Scores(NamedTuple):
         fusion
             NDOF, NDOF_FMC_OFF or IMU; the last has no magnetometer, and its system score means nothing.
         """
-        return all(score >= COMPLETE for score in self._used(fusion))
+        return self.sensors_complete(fusion) and (fusion == 'IMU' or self.sys >= COMPLETE)
+
+    def sensors_complete(self, fusion: str) -> bool:
+        """The same without the system score: whether the offsets are known."""
+        return all(score >= COMPLETE for score in self._sensors(fusion))
 
     def next_step(self, fusion: str) -> str:
         """What to do now to bring the scores up; the sensors in the order in which they are best done."""
@@ -37,5 +44,5 @@ class Scores(NamedTuple):
             return 'move it a little and wait (fusion)'
         return 'calibrated'
 
-    def _used(self, fusion: str) -> tuple[int, ...]:
-        return (self.gyro, self.accel) if fusion == 'IMU' else tuple(self)
+    def _sensors(self, fusion: str) -> tuple[int, ...]:
+        return (self.gyro, self.accel) if fusion == 'IMU' else (self.gyro, self.accel, self.mag)
