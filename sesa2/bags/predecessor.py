@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from rosbags.interfaces import Connection
 from rosbags.rosbag1 import Reader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
@@ -18,6 +19,11 @@ from sesa2.messages.imu_messages import TYPE, ImuMessages
 from sesa2.messages.topic_names import absolute, imu_data
 
 _TOPIC = 'quat_meas'
+
+
+def is_of_predecessor(connection: Connection) -> bool:
+    """Whether a topic of a ROS 1 bag is the one on which the predecessor's sensors publish."""
+    return connection.topic.endswith(_TOPIC)
 
 
 class _Quaternion(NamedTuple):
@@ -37,34 +43,29 @@ class PredecessorBag:
     Parameters
     ----------
     path
-        the .bag file.
+        the .bag file, for messages.
+    reader
+        of it, open; this closes it.
     first_id
         the ID in the bag that is our IMU 1; the lowest in the bag where it is None.
 
     Raises
     ------
     Sesa2Error
-        it is no whole ROS 1 bag, or holds no orientations.
+        the definition of its messages is damaged.
     """
 
-    def __init__(self, path: Path, first_id: int | None = None):
+    def __init__(self, path: Path, reader: Reader, first_id: int | None = None):
         self._path = path
         self.problems: list[str] = []
-        self._reader = Reader(path)
+        self._reader = reader
+        self._connections = [c for c in reader.connections if is_of_predecessor(c)]
+        self._types = get_typestore(Stores.EMPTY)
         try:
-            self._reader.open()
-            self._connections = [c for c in self._reader.connections if c.topic.endswith(_TOPIC)]
-            self._types = get_typestore(Stores.EMPTY)
             for connection in self._connections:
                 self._types.register(get_types_from_msg(connection.msgdef.data, connection.msgtype))
-        except OSError:
-            raise
-        except Exception as error:  # a damaged file makes its parser stumble in any way
+        except Exception as error:  # damage makes its parser stumble in any way
             raise Sesa2Error(f'{path}: nothing readable: {error or type(error).__name__}') from None
-        if not self._connections:
-            there = ', '.join(c.topic for c in self._reader.connections) or 'none'
-            self._reader.close()
-            raise Sesa2Error(f'{path}: no topic {_TOPIC} in this ROS 1 bag; its topics: {there}')
         counts = Counter(quaternion.id for quaternion in self._quaternions(self.problems))
         self._first = min(counts, default=0) if first_id is None else first_id
         below = sum(n for id_, n in counts.items() if id_ < self._first)

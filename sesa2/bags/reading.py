@@ -10,6 +10,7 @@ import numpy as np
 
 from sesa2.bags.captured_bodies import add_captured_imus
 from sesa2.bags.definitions import POSE_ARRAY, STRING, deserialise
+from sesa2.bags.recorded_stamps import RecordedStamps
 from sesa2.bags.recording import Recording, open_recording
 from sesa2.bags.topics import imu_topic
 from sesa2.errors import Sesa2Error
@@ -88,6 +89,8 @@ class ImuRecording:
     ----------
     recording
         open, and kept open by the caller.
+    arrival
+        whether samples are of the time when they were recorded, whatever their stamps (`imus.stamps`).
 
     Attributes
     ----------
@@ -97,6 +100,8 @@ class ImuRecording:
         number of messages of each id.
     unreadable
         number of messages of each id that were no whole sensor_msgs/Imu; complete after reading.
+    stamps
+        what stood in where messages have no stamp; complete after reading.
 
     Raises
     ------
@@ -104,8 +109,9 @@ class ImuRecording:
         there is no message of an IMU in it, or there are those of several arms.
     """
 
-    def __init__(self, recording: Recording):
+    def __init__(self, recording: Recording, arrival: bool = False):
         self._recording = recording
+        self.stamps = RecordedStamps(arrival)
         if not any(imu_topic(name, topic.type) for name, topic in recording.topics.items()):
             add_captured_imus(recording)
         by_namespace: dict[str, dict[str, int]] = defaultdict(dict)
@@ -139,7 +145,9 @@ class ImuRecording:
             if not readable.all():
                 self.unreadable.update(ids[~readable].tolist())
             block = ImuBlock(ids, stamps_ns, orientations, data, log_ns)
-            yield block if readable.all() else block.chosen(np.flatnonzero(readable))
+            block = block if readable.all() else block.chosen(np.flatnonzero(readable))
+            self.stamps.complete(block.ids, block.stamps_ns, block.log_ns, block.data)
+            yield block
 
     def samples(self) -> Iterator[Sample]:
         """The same one by one."""

@@ -11,7 +11,7 @@ from rosbags.rosbag2 import Reader
 
 from sesa2.bags.captured_imus import CapturedImus
 from sesa2.bags.mcap_index import indexed_messages, read_index
-from sesa2.bags.predecessor import PredecessorBag
+from sesa2.bags.ros1_bag import open_ros1_bag
 from sesa2.bags.topics import Message, Part, RecordedTopic, is_latched
 from sesa2.bags.unfinished import UnfinishedMcap
 from sesa2.errors import Sesa2Error
@@ -84,7 +84,7 @@ def open_recording(path: str | Path, first_id: int | None = None) -> Recording:
     Parameters
     ----------
     path
-        a rosbag2 folder, one file of it (.mcap, .db3), a bag of the ROS 1 predecessor (.bag), or what a motion
+        a rosbag2 folder, one file of it (.mcap, .db3), a bag of ROS 1 (.bag), or what a motion
         capture system exported (`mocap.formats`).
     first_id
         for the predecessor's: the ID in the bag that is our IMU 1; the lowest in the bag where it is None.
@@ -133,7 +133,7 @@ def _number_in_name(path: Path) -> tuple[int, str]:
 
 def _open_file(path: Path, first_id: int | None = None) -> Part:
     if path.suffix == '.bag':
-        return PredecessorBag(path, first_id)
+        return open_ros1_bag(path, first_id)
     if path.suffix not in ('.mcap', '.db3'):
         return CapturedImus(path, read_motion_capture(path))
     try:

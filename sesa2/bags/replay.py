@@ -136,7 +136,7 @@ def replay(
     if models is not None:
         configuration = files.parse(files.dump(replace(configuration, models=tuple(models))), '--models')
     with open_recording(source, first_id) as recording:
-        imus = ImuRecording(recording)
+        imus = ImuRecording(recording, configuration.imus.stamps == 'arrival')
         indices = configuration.imus.indices
         if not any(n for id_, n in imus.counts.items() if id_ in indices):
             raise Sesa2Error(
@@ -155,7 +155,7 @@ def replay(
             summary = run.finish()
             summary.unknown = Counter({id_: n for id_, n in imus.counts.items() if id_ not in indices})
             summary.unreadable = imus.unreadable
-            summary.problems = recording.problems
+            summary.problems = [*recording.problems, *imus.stamps.problems]
             if not summary.sweeps:
                 reasons = '; '.join(summary.warnings) or 'the IMUs with samples are disabled'
                 raise Sesa2Error(f'{source}: no sweep in {total} samples: {reasons}')

@@ -65,6 +65,9 @@ class Imus:
     )
     base_id: int = parameter(0, 'id of an IMU on the base instead of base_orientation; 0: none', low=0)
     base_mount_orientation: Floats = parameter((0.0, 0.0, 0.0, 1.0), 'q_BS of the IMU on the base, x y z w')
+    stamps: str = parameter(
+        'header', "time of a sample: its message's stamp, or its arrival", choices=('header', 'arrival')
+    )
     latency: float = parameter(0.0, 'delay of the sensors, s, taken off the stamps', low=0.0, high=1.0)
     heading_filter: bool = parameter(False, 'correct slow heading drift while running')
 

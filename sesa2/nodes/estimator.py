@@ -29,6 +29,7 @@ from sesa2.ros.diagnostics import ERROR, OK, WARN, Diagnostics, Part
 from sesa2.ros.parameters import declare_configuration
 from sesa2.ros.qos import ANY_STREAM, LATCHED, STREAM
 from sesa2.ros.spinning import run_alone
+from sesa2.ros.unheard_imus import PATIENCE_S, why_unheard
 from sesa2.shape.rotations import FloatArray
 from sesa2.time import NS
 
@@ -36,6 +37,8 @@ from sesa2.time import NS
 _POSE_NS = 3 * NS
 # How often the clock is looked at for sweeps that need not wait any longer.
 _LOOK_EVERY_NS = NS // 20
+
+_NO_STAMP = 'its messages have no stamp (0); the time of their arrival stands in'
 
 _CLASSES = {
     'joint_states': JointState,
@@ -59,6 +62,8 @@ class EstimatorNode(ConfinedNode):
         number of sweeps estimated.
     received
         number of messages of each IMU.
+    unstamped
+        number of those without a stamp.
     """
 
     def __init__(self, **options: Any):
@@ -93,6 +98,7 @@ class EstimatorNode(ConfinedNode):
             if i in imus.used_ids
         ]
         self.received = Counter[int]()
+        self.unstamped = Counter[int]()
         self._unreadable = 0
         self._near_singular = Counter[str]()
         self._last_report = (time.monotonic(), Counter[int](), 0)
@@ -105,9 +111,12 @@ class EstimatorNode(ConfinedNode):
         ]
         self._watchdog = self.create_timer(_LOOK_EVERY_NS / NS, self._close_overdue)
         self._diagnostics = Diagnostics(self, 'arm', self._report)
+        if self.configuration.run.source == 'external':  # ours say themselves what they miss
+            self._first_look = self.create_timer(PATIENCE_S, self._tell_unheard)
 
     def _take(self, index: int) -> Callable[[bytes], None]:
         add, imu = self.assembler.add, self._ids[index]
+        by_arrival = self.configuration.imus.stamps == 'arrival'
 
         def take(data: bytes) -> None:
             self.received[imu] += 1
@@ -117,10 +126,31 @@ class EstimatorNode(ConfinedNode):
             except Sesa2Error:
                 self._unreadable += 1
                 return
+            if by_arrival or not sample.stamp_ns:
+                sample = sample._replace(stamp_ns=self._time_of_arrival(imu, sample.stamp_ns))
             for sweep in add(index, *sample, arrival_ns):
                 self._publish(sweep)
 
         return take
+
+    @property
+    def unheard(self) -> str:
+        """Which IMUs were never heard, and what is on the graph; empty where all were."""
+        return why_unheard(self, {i: imu_data(i) for i in self.configuration.imus.used_ids}, self.received)
+
+    def _tell_unheard(self) -> None:
+        """Once: waiting goes on, since a driver may come yet."""
+        self._first_look.cancel()
+        if unheard := self.unheard:
+            self.get_logger().warning(f'{unheard}; waiting for them')
+
+    def _time_of_arrival(self, imu: int, stamp_ns: int) -> int:
+        """Now, ns, in place of a stamp; that a message has none is told once an IMU."""
+        if not stamp_ns and self.configuration.imus.stamps != 'arrival':
+            if not self.unstamped[imu]:
+                self.get_logger().warning(f'IMU {imu}: {_NO_STAMP}')
+            self.unstamped[imu] += 1
+        return int(self.get_clock().now().nanoseconds)
 
     def _listening_clock(self) -> int:
         """For how long this node has listened, ns: while it is held up, messages wait in their queues unheard."""
@@ -222,6 +252,8 @@ class EstimatorNode(ConfinedNode):
                 level, text = ERROR, 'nothing measured; without the IMU on the base there is no shape'
             elif rate == 0.0 or not alive[index]:
                 level, text = WARN, 'nothing measured; interpolated from its neighbours'
+            if self.unstamped[imu]:
+                level, text = max(level, WARN), f'{text}; {_NO_STAMP}'
             if index in lags:
                 level, text = max(level, WARN), f'{text}; {lag_in_words(lags[index])}'
             parts.append((imu_name(imu), level, text, {'rate_hz': f'{rate:.1f}', 'publishers': publishers}))

@@ -43,7 +43,7 @@ class Player(ConfinedNode):
         if not self._run.bag:
             raise ConfigurationError([Mistake('run.bag', 'is empty, expected a recording to play')], 'player')
         self._recording = open_recording(self._run.bag)
-        self._imus = ImuRecording(self._recording)
+        self._imus = ImuRecording(self._recording, self.configuration.imus.stamps == 'arrival')
         imus = self.configuration.imus
         unknown = sorted(set(self._imus.counts) - set(imus.all_ids))
         if unknown:
@@ -77,7 +77,7 @@ class Player(ConfinedNode):
                 self._rounds += 1
                 if self.failure or not self._run.loop:
                     break
-            for problem in self._recording.problems:
+            for problem in (*self._recording.problems, *self._imus.stamps.problems):
                 self.get_logger().warning(problem)
             self._stop.wait(_LINGER_S)
         except Exception as error:

@@ -75,9 +75,10 @@ def run(
                 return False
 
             _spin(spinner, system, ended)
+        unheard = system.unheard  # as long as there is somebody to ask
         system.stop()
-        if system.lost:
-            raise Sesa2Error('; '.join(dict.fromkeys(map(str, system.lost))))
+        if wrong := [*dict.fromkeys(map(str, system.lost)), *filter(None, [unheard])]:
+            raise Sesa2Error('; '.join(wrong))
 
 
 def _spin(spinner: Spinner, system: System, ended: Callable[[], bool]) -> None:

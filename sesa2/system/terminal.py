@@ -50,6 +50,8 @@ class Terminal:
         if estimator := self._system.estimator:
             parts.append(f'{estimator.n_sweeps} sweeps estimated')
             parts += [f'{n} samples dropped: {why}' for why, n in estimator.assembler.dropped.items()]
+            if n := estimator.unstamped.total():
+                parts.append(f'{n} samples without a stamp, the time of their arrival stood in')
         if self._system.bridge:
             parts.append(self._link())
         if (calibration := self._system.calibration) and calibration.configuration.run.mode == 'calibrate':

@@ -180,6 +180,14 @@ class System:
         return recorder.path
 
     @property
+    def unheard(self) -> str:
+        """Why nothing was estimated from what others publish: no IMU was ever heard; empty where one was."""
+        estimator = self.estimator
+        if not estimator or estimator.received or estimator.configuration.run.source != 'external':
+            return ''
+        return estimator.unheard
+
+    @property
     def estimator(self) -> EstimatorNode | None:
         """The estimator, where one runs."""
         return self._running(EstimatorNode)

@@ -2,6 +2,7 @@
 
 import re
 import time
+from collections import Counter
 from types import SimpleNamespace
 
 import numpy as np
@@ -44,6 +45,7 @@ def system(boards, request):
         received={2: 10, 5: 20},
         n_sweeps=10,
         assembler=SimpleNamespace(dropped={'norm is not 1': 3}),
+        unstamped=Counter({2: 4}),
     )
     return SimpleNamespace(estimator=estimator, boards=[board], bridge=None, calibration=None)
 
