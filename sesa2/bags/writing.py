@@ -173,7 +173,7 @@ class BagWriter:
             os.fsync(self._file.fileno())
             self._file.close()
             self._chunk_indexes.close()
-            write_whole(self.path / 'metadata.yaml', self._metadata())
+            write_whole(self.path / 'metadata.yaml', self._metadata(), overwrite=True)
         except OSError as error:
             raise self._failure(error) from None
 

@@ -80,8 +80,8 @@ def test_a_given_first_id(tmp_path):
 
 def test_without_orientations(tmp_path):
     path = write(tmp_path / 'old.bag', 1, topic='/chatter', type_name=TEXT)
-    with pytest.raises(Sesa2Error, match=r'no topic quat_meas in this ROS 1 bag; its topics: /chatter'):
-        open_recording(path)
+    with pytest.raises(Sesa2Error, match=r'no message of an IMU, expected .*; its topics: /chatter'):
+        read(path)
 
 
 def test_with_messages_of_another_type(tmp_path):

@@ -429,3 +429,48 @@ def test_an_imu_with_a_clock_of_its_own_is_named_with_its_lag(graph, configured)
         level for level, m, _ in diagnosis.of('estimator: imu_5') if 'behind' in m
     ]
     assert not [m for _, m, _ in diagnosis.of('estimator: imu_2') if 'behind' in m or 'ahead' in m]
+
+
+def test_messages_without_a_stamp_are_of_the_time_of_their_arrival(graph, node):
+    logs, diagnosis = graph.listen_to_logs(), graph.diagnosis()
+    tips = graph.listen(PoseStamped, 'pcc/tip', STREAM)
+    sensors = Sensors(graph, (2, 5))
+    before = time.time_ns()
+
+    def told():
+        for imu in (2, 5):
+            sensors.say(imu, 0, (0.0, 0.0, 0.0, 1.0))
+        return len(tips) >= 3
+
+    graph.until(told, 'results')
+    stamps = [stamp(tip.header) for tip in tips]
+    assert before <= stamps[0] < stamps[1] < stamps[2] <= time.time_ns()
+    assert node.unstamped == node.received
+    text = 'its messages have no stamp (0); the time of their arrival stands in'
+    graph.until(
+        lambda: {m.msg for m in logs} >= {f'IMU 2: {text}', f'IMU 5: {text}'}, 'a warning for each, once'
+    )
+    assert sum(text in m.msg for m in logs) == 2
+    graph.until(
+        lambda: (
+            (d := diagnosis.latest('estimator: imu_2')) and d[0] == DiagnosticStatus.WARN and text in d[1]
+        ),
+        'a status',
+    )
+
+
+def test_the_time_of_arrival_is_taken_for_all_where_it_is_asked_for(graph, configured):
+    values = {**VALUES, 'imus': {**VALUES['imus'], 'stamps': 'arrival'}}
+    node = graph.add(EstimatorNode(parameter_overrides=configured(values)))
+    tips = graph.listen(PoseStamped, 'pcc/tip', STREAM)
+    sensors = Sensors(graph, (2, 5))
+    before = time.time_ns()
+
+    def told():
+        for imu in (2, 5):
+            sensors.say(imu, 77, (0.0, 0.0, 0.0, 1.0))
+        return len(tips) >= 3
+
+    graph.until(told, 'results')
+    assert before <= stamp(tips[0].header) < stamp(tips[1].header)
+    assert not node.unstamped
