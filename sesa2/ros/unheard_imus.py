@@ -27,8 +27,11 @@ def why_unheard(node: Node, expected: Mapping[int, str], heard: Mapping[int, int
         return ''
     who = 'no IMU is heard' if len(silent) == len(expected) else f'not heard: IMU {_listed(silent)}'
     parts = [f'{who}; expected {_listed(silent.values())} of {TYPE}']
+    # Topics are also known by who listens to them: this node itself.
     published = {
-        name: types for name, types in node.get_topic_names_and_types() if node.count_publishers(name)
+        name: types
+        for name, _ in node.get_topic_names_and_types()
+        if (types := sorted({one.topic_type for one in node.get_publishers_info_by_topic(name)}))
     }
     for name in silent.values():
         if name in published and TYPE not in published[name]:
