@@ -20,7 +20,7 @@ from sesa2.time import NS
 
 
 class Sample(NamedTuple):
-    """One measurement of one IMU: stamp, ns, q_WS, and the sensor_msgs/Imu that it was read from, in CDR."""
+    """One measurement of one IMU: stamp, ns, q_WS, its sensor_msgs/Imu in CDR, and when it was recorded, ns."""
 
     id: int
     stamp_ns: int
@@ -29,6 +29,7 @@ class Sample(NamedTuple):
     z: float
     w: float
     data: bytes
+    log_ns: int
 
 
 class ImuRecording:
@@ -79,9 +80,9 @@ class ImuRecording:
     def samples(self) -> Iterator[Sample]:
         """All measurements, in the recording's order."""
         ids = self._ids
-        for topic, _, _, data in self._recording.messages(ids):
+        for topic, _, log_ns, data in self._recording.messages(ids):
             try:
-                yield Sample(ids[topic], *read_imu(data), data)
+                yield Sample(ids[topic], *read_imu(data), data, log_ns)
             except Sesa2Error:
                 self.unreadable[ids[topic]] += 1
 

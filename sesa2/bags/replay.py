@@ -16,8 +16,10 @@ from sesa2.bags.recording import open_recording
 from sesa2.bags.writing import BagWriter, new_bag
 from sesa2.configuration import Configuration, files
 from sesa2.errors import Sesa2Error
+from sesa2.estimation.arrivals import OFFLINE_PATIENCE, lag_in_words
 from sesa2.estimation.estimator import Estimator
-from sesa2.estimation.sweeps import Sweep
+from sesa2.estimation.sweeps import NO_BASE, Sweep
+from sesa2.estimation.time_steps import AHEAD_NS
 from sesa2.messages.imu_messages import TYPE as IMU_TYPE
 from sesa2.messages.results import ResultMessages
 from sesa2.messages.topic_names import CONFIGURATION, imu_data
@@ -25,6 +27,8 @@ from sesa2.time import NS
 
 # Samples that are worked on at once: enough to make numpy worth its while, few enough to stay in the processor's cache.
 BLOCK = 2048
+# Samples that are kept back for results that are to come before them.
+_PENDING_MAX = 16 * BLOCK
 
 
 @dataclass
@@ -47,6 +51,10 @@ class Summary:
         number of sweeps in which an enabled IMU was missing.
     resets
         how often time jumped back.
+    lags
+        how far stamps of IMUs are behind those of the others, s, by id; ahead: negative.
+    silent_base
+        the IMU on the base, if results are missing for lack of it; else 0.
     near_singular
         number of results with a joint beyond 80° about z, by model.
     messages
@@ -64,6 +72,8 @@ class Summary:
     sweeps: int = 0
     partial: int = 0
     resets: int = 0
+    lags: dict[int, float] = field(default_factory=dict)
+    silent_base: int = 0
     near_singular: Counter[str] = field(default_factory=Counter)
     messages: Counter[str] = field(default_factory=Counter)
     duration: float = 0.0
@@ -76,6 +86,9 @@ class Summary:
         lines += [f'IMU {id_}: {n} messages not used: not in imus.ids' for id_, n in self.unknown.items()]
         lines += [f'IMU {id_}: {n} messages not used: damaged' for id_, n in self.unreadable.items()]
         lines += [f'{n} samples not used: {reason}' for reason, n in self.dropped.items()]
+        lines += [f'IMU {id_}: {lag_in_words(lag)}' for id_, lag in self.lags.items()]
+        if self.silent_base:
+            lines.append(f'IMU {self.silent_base} on the base was silent; without it there is no shape')
         if self.partial:
             lines.append(f'{self.partial} of {self.sweeps} sweeps lack an IMU, which was interpolated')
         if self.resets:
@@ -166,7 +179,9 @@ class _Replay:
         self._namespace = imus.namespace
         self._enabled = np.array(configuration.imus.enabled)
         self._estimator = Estimator(configuration)
-        self._assembler = self._estimator.assembler()
+        self._assembler = self._estimator.assembler(OFFLINE_PATIENCE)
+        self._imu_ids = configuration.imus.all_ids
+        self._base_id = configuration.imus.base_id
         self._messages = ResultMessages(configuration, self._estimator)
         self._names: dict[int, str] = {}
         self._configuration = self._topic(CONFIGURATION, STRING, latched=True)
@@ -182,6 +197,8 @@ class _Replay:
         }
         self._block: list[Sweep] = []
         self._pending: list[tuple[int, int, bytes]] = []  # stamp, topic and bytes of what is not written yet
+        self._held: list[tuple[int, int, bytes]] = []  # the same of samples of another time
+        self._written_ns = 0  # time of the last entry that was written
         self._taken = 0
         self._first_ns: int | None = None  # stamps of the results since time last jumped back
         self._last_ns = 0
@@ -194,25 +211,50 @@ class _Replay:
 
     def add(self, index: int, sample: Sample) -> None:
         """Take a sample of a configured IMU."""
-        id_, stamp_ns, x, y, z, w, data = sample
+        id_, stamp_ns, x, y, z, w, data, log_ns = sample
         resets = self._assembler.resets
-        sweeps = self._assembler.add(index, stamp_ns, x, y, z, w)
-        if self._assembler.resets != resets:  # sweeps of before the jump go with the samples of before it
-            self._block += [sweep for sweep in sweeps if sweep.stamp_ns > stamp_ns]
-            sweeps = [sweep for sweep in sweeps if sweep.stamp_ns <= stamp_ns]
+        sweeps = self._assembler.add(index, stamp_ns, x, y, z, w, log_ns)
+        if self._assembler.resets != resets:  # sweeps of before the step go with the samples of before it
+            for k, sweep in enumerate(sweeps):
+                if self._block and sweep.stamp_ns <= self._block[-1].stamp_ns:
+                    sweeps = sweeps[k:]
+                    break
+                self._block.append(sweep)
+            else:
+                sweeps = []
             self._end_segment()
         self._block += sweeps
         if id_ in self._imus:
-            self._pending.append((stamp_ns, self._imus[id_], data))
+            entry = stamp_ns, self._imus[id_], data
+            if self._assembler.holds(index):
+                self._held.append(entry)
+            else:
+                self._pending.append(entry)
+        if self._held and (not self._assembler.holding or len(self._held) > _PENDING_MAX):
+            self._pending += [(self._placed(stamp), topic, data) for stamp, topic, data in self._held]
+            self._held = []
         self.summary.samples[id_] += 1
         self._taken += 1
         if self._taken >= BLOCK:
             self._end_block()
 
+    def _placed(self, stamp_ns: int) -> int:
+        """Where a sample of another time goes: to its stamp if time has come to that, else among its neighbours."""
+        newest_ns = self._assembler.newest_ns
+        if newest_ns is None or 0 <= newest_ns - stamp_ns <= AHEAD_NS:
+            return stamp_ns
+        return newest_ns
+
     def finish(self) -> Summary:
         """Write what is left."""
         self._block += self._assembler.flush()
+        self._pending += [(self._placed(stamp), topic, data) for stamp, topic, data in self._held]
         self._end_segment()
+        self.summary.lags = {
+            self._imu_ids[index]: lag for index, lag in self._assembler.arrivals.lags.items()
+        }
+        if self._assembler.dropped[NO_BASE]:
+            self.summary.silent_base = self._base_id
         self.summary.dropped = self._assembler.dropped
         self.summary.resets = self._assembler.resets
         self.summary.messages = Counter({self._names[n]: count for n, count in self._bag.counts.items()})
@@ -222,6 +264,7 @@ class _Replay:
         self._end_block()
         self._write(self._pending)
         self._pending = []
+        self._written_ns = 0
         if self._first_ns is not None:
             self.summary.duration += (self._last_ns - self._first_ns) / NS
         self._first_ns = None
@@ -230,7 +273,7 @@ class _Replay:
         """Estimate, and write what is not newer than the last result: a result can be older than the next sample."""
         self._taken = 0
         if not self._block:
-            if len(self._pending) > BLOCK:  # nothing but samples that make no sweep
+            if len(self._pending) > _PENDING_MAX:  # nothing but samples that make no sweep
                 self._write(self._pending)
                 self._pending = []
             return
@@ -251,9 +294,13 @@ class _Replay:
         del self._pending[:written]
 
     def _write(self, entries: list[tuple[int, int, bytes]]) -> None:
-        """Write in the order given. A bag knows no time before 0, to which the latency can lead in simulated time."""
+        """Write in the order given; what comes too late for its place goes to the end.
+
+        A bag knows no time before 0, to which the latency can lead in simulated time.
+        """
         if entries and self._yaml is not None:
             self._bag.write(self._configuration, max(entries[0][0], 0), string_message(self._yaml))
             self._yaml = None
         for stamp_ns, topic, data in entries:
-            self._bag.write(topic, max(stamp_ns, 0), data)
+            self._written_ns = max(stamp_ns, self._written_ns)
+            self._bag.write(topic, self._written_ns, data)
