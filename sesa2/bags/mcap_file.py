@@ -28,7 +28,14 @@ from mcap.records import (
 MAGIC = b'\x89MCAP0\r\n'
 # Opcode, length, channel, sequence, time of the recording and of publishing; then the message.
 _MESSAGE = np.dtype(
-    [('op', 'u1'), ('length', '<u8'), ('channel', '<u2'), ('sequence', '<u4'), ('log', '<u8'), ('publish', '<u8')]
+    [
+        ('op', 'u1'),
+        ('length', '<u8'),
+        ('channel', '<u2'),
+        ('sequence', '<u4'),
+        ('log', '<u8'),
+        ('publish', '<u8'),
+    ]
 )
 _BEFORE_LENGTH_ENDS = 9
 
@@ -131,7 +138,9 @@ class McapFile:
             chunk_count=len(self._indices),
             message_count=sum(self._counts.values()),
             message_end_time=max((i.message_end_time for i in self._indices), default=0),
-            message_start_time=min((i.message_start_time for i in self._indices if i.message_index_length), default=0),
+            message_start_time=min(
+                (i.message_start_time for i in self._indices if i.message_index_length), default=0
+            ),
             metadata_count=0,
             schema_count=len(self._schemas),
         )
@@ -147,7 +156,9 @@ class McapFile:
         offset_start = begin + len(summary)
         summary += _bytes_of(*offsets)
         footer = struct.pack('<BQQQ', Opcode.FOOTER, 20, begin, offset_start)
-        self._put(summary + _bytes_of(Footer(begin, offset_start, zlib.crc32(footer, zlib.crc32(summary)))) + MAGIC)
+        self._put(
+            summary + _bytes_of(Footer(begin, offset_start, zlib.crc32(footer, zlib.crc32(summary)))) + MAGIC
+        )
 
     def _put(self, data: bytes) -> None:
         self._file.write(data)
@@ -185,7 +196,9 @@ class McapFile:
             of_it = heads['channel'] == number
             index_offsets[number] = self._at
             places = np.stack([heads['log'][of_it], starts[of_it].astype('<u8')], axis=1).tobytes()
-            self._put(struct.pack('<BQHI', Opcode.MESSAGE_INDEX, 6 + len(places), number, len(places)) + places)
+            self._put(
+                struct.pack('<BQHI', Opcode.MESSAGE_INDEX, 6 + len(places), number, len(places)) + places
+            )
             self._counts[number] = self._counts.get(number, 0) + int(of_it.sum())
         self._indices.append(
             ChunkIndex(

@@ -7,6 +7,8 @@ by itself; its least value over some seconds is the difference of the clocks, an
 import math
 from statistics import median_low
 
+import numpy as np
+
 from sesa2.time import NS
 
 # Two windows are looked at, the present one and the one before.
@@ -60,6 +62,9 @@ class Arrivals:
             self._turn_over(arrival_ns)
         transit = arrival_ns - stamp_ns
         self._counts[index] += 1
+        if self._fixed_ns is not None:
+            self._least[index] = min(self._least[index], transit)
+            return
         if transit < self._least[index]:
             self._least[index] = transit
             self._refer()
@@ -67,6 +72,21 @@ class Arrivals:
         if self._late_ns < late <= 2 * PATIENCE_MAX_NS:
             self._late_ns = late
             self._learn()
+
+    def within_window(self, arrivals_ns: np.ndarray) -> int:
+        """How many of these, from the first on, fall into the present window, and can be given to `observe_many`.
+
+        None where patience is learnt: there the order of all messages matters.
+        """
+        if self._until_ns is None or self._fixed_ns is None:
+            return 0
+        outside = (arrivals_ns < self._until_ns - WINDOW_NS) | (arrivals_ns >= self._until_ns)
+        return int(np.argmax(outside)) if outside.any() else len(arrivals_ns)
+
+    def observe_many(self, index: int, stamps_ns: np.ndarray, arrivals_ns: np.ndarray) -> None:
+        """The same of many messages of an IMU, all within the window."""
+        self._counts[index] += len(stamps_ns)
+        self._least[index] = min(self._least[index], int((arrivals_ns - stamps_ns).min()))
 
     @property
     def lags(self) -> dict[int, float]:

@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sesa2.estimation.arrivals import Arrivals
+from sesa2.estimation.rounds import whole_rounds
 from sesa2.estimation.time_steps import AHEAD_NS, BACK_NS, HeldSample, TimeSteps, step_in_words
 from sesa2.shape.rotations import FloatArray, slerp
 from sesa2.time import NS
@@ -213,6 +214,64 @@ class SweepAssembler:
             self._let_go_of_held(self._steps.drop(index))
             self._steps.others_go_on()
         return self._take(imu, stamp_ns, x, y, z, w, arrival_ns)
+
+    def add_many(
+        self, indices: np.ndarray, stamps_ns: np.ndarray, orientations: FloatArray, arrivals_ns: np.ndarray
+    ) -> tuple[list[Sweep], int]:
+        """Take the samples up to the first that needs a second look, with the same result as one by one, but faster.
+
+        Parameters
+        ----------
+        indices, stamps_ns, arrivals_ns : (n,) and orientations : (n, 4)
+            as in `add`; all of IMUs that are used.
+
+        Returns
+        -------
+        The sweeps, and how many samples were taken: mostly all or none.
+        """
+        imus = [index for index, used in enumerate(self._used) if used]
+        m = len(imus)
+        quiet = not (self._n_waiting or self._steps or self._interpolate) and self._n_alive == m
+        if not quiet or len(indices) < 2 * m or any(self._imus[i].used is None for i in imus):
+            return [], 0
+        # The last round, which was taken one by one or here, is what the first of these is compared with.
+        last = [self._imus[i] for i in indices[:m].tolist()]
+        rounds = whole_rounds(
+            np.concatenate([indices[:m], indices]),
+            np.concatenate([[imu.last_ns for imu in last], stamps_ns - self._latency_ns]),
+            np.concatenate([np.array([imu.last for imu in last]), orientations]),
+            imus=imus,
+            timeout_ns=min(self._timeout_ns, AHEAD_NS),
+            norm_tolerance=NORM_TOLERANCE,
+            turn_rate=MAX_TURN_RATE,
+            turn_slack=TURN_SLACK,
+        )
+        if rounds is None or len(rounds.stamps_ns) < 2 or any(imu.used_ns != imu.last_ns for imu in last):
+            return [], 0
+        n = min(len(rounds.stamps_ns) - 1, self.arrivals.within_window(arrivals_ns) // m)
+        if not n:
+            return [], 0
+        stamps, q = rounds.stamps_ns[1 : n + 1], rounds.orientations[1 : n + 1]
+        order = rounds.indices.tolist()
+        for place, index in enumerate(order):
+            arrived = arrivals_ns[place : n * m : m]
+            self.arrivals.observe_many(index, stamps[:, place], arrived)
+            imu = self._imus[index]
+            imu.last_ns = imu.used_ns = int(stamps[-1, place])
+            imu.last = imu.used = tuple(q[-1, place].tolist())
+            imu.heard_ns = int(arrived[-1])
+        self._now_ns = int(arrivals_ns[n * m - 1])
+        self.newest_ns = self._closed_ns = int(stamps[-1, -1])
+        along = [place for place, index in enumerate(order) if index < self.n_imu]
+        orientations = np.zeros((n, self.n_imu, 4))
+        orientations[..., 3] = 1.0
+        orientations[:, rounds.indices[along]] = q[:, along]
+        measured = np.zeros((n, self.n_imu), dtype=bool)
+        measured[:, rounds.indices[along]] = True
+        bases = q[:, order.index(self.n_imu)] if self._has_base else [None] * n
+        if not along:
+            return [], n * m
+        return list(map(Sweep, stamps[:, -1].tolist(), orientations, measured, bases)), n * m
 
     def close_overdue(self, arrival_ns: int) -> list[Sweep]:
         """Sweeps that need not wait any longer by the clock; to be asked for regularly, as samples may stop coming."""

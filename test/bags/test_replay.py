@@ -121,7 +121,7 @@ def test_the_result_does_not_depend_on_how_samples_fall_into_blocks(
     bag, configuration, tmp_path, monkeypatch, cut
 ):
     replay(bag, configuration, tmp_path / 'one')
-    monkeypatch.setattr('sesa2.bags.replay.BLOCK', 7 - cut)
+    monkeypatch.setattr('sesa2.bags.reading.BLOCK', 7 - cut)
     replay(bag, configuration, tmp_path / 'two')
     topics = ('/pcc/markers', '/rigid/markers')
     for topic in topics:
@@ -384,14 +384,14 @@ def test_an_existing_bag_is_not_overwritten(bag, configuration, tmp_path):
 
 
 def test_progress(bag, configuration, tmp_path, monkeypatch):
-    monkeypatch.setattr('sesa2.bags.replay.BLOCK', 400)
+    monkeypatch.setattr('sesa2.bags.reading.BLOCK', 400)
     told = []
     replay(bag, configuration, tmp_path / 'out', progress=lambda done, total: told.append((done, total)))
     assert told == [(400, 900), (800, 900), (900, 900)]
 
 
 def test_memory_does_not_grow_with_the_recording(configuration, tmp_path, monkeypatch):
-    monkeypatch.setattr('sesa2.bags.replay.BLOCK', 128)
+    monkeypatch.setattr('sesa2.bags.reading.BLOCK', 128)
     monkeypatch.setattr('sesa2.bags.writing.CHUNK_SIZE', 50_000)
     peaks = []
     for n in (500, 2000):
