@@ -5,32 +5,33 @@ stamps alone do not tell that an IMU is silent: where there is a clock, a sweep 
 cost is a pause when an IMU dies; no sweep is lost by it, and none is given twice or out of order.
 """
 
-import math
-from collections import Counter, deque
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from sesa2.estimation.arrivals import Arrivals
+from sesa2.estimation.imu_queue import (
+    MAX_TURN_RATE,
+    NORM_TOLERANCE,
+    TURN_SLACK,
+    ImuQueue,
+    Quaternion,
+    WaitingSample,
+)
+from sesa2.estimation.instants import Member, catch_up, comes_back, left_over, present
 from sesa2.estimation.rounds import whole_rounds
 from sesa2.estimation.time_steps import AHEAD_NS, BACK_NS, HeldSample, TimeSteps, step_in_words
 from sesa2.shape.rotations import FloatArray, slerp
 from sesa2.time import NS
 
-# The chip's own rounding leaves norms within 2e-4 of 1.
-NORM_TOLERANCE = 0.02
-# The gyroscope's range is 2000°/s = 35 rad/s: a faster turn is a damaged sample. The constant part lets stamps jitter.
-MAX_TURN_RATE = 35.0
-TURN_SLACK = 0.5
 # At the start, and after a pause of all, the topics come one after another: for so long no sweep is made of a few.
 _RESUMING_NS = NS
 # Why samples are not used.
 NO_BASE = 'of a sweep without the orientation of the base'
 # Of one IMU; with more that wait, whoever is missing is silent whatever the clock says.
 WAITING_MAX = 10_000
-
-Quaternion = tuple[float, float, float, float]
 
 
 class Sweep(NamedTuple):
@@ -52,35 +53,6 @@ class Sweep(NamedTuple):
     orientations: FloatArray
     measured: np.ndarray
     base: FloatArray | None
-
-
-class _Waiting(NamedTuple):
-    """A sample that waits for its sweep; arrival on the clock, ns."""
-
-    stamp_ns: int
-    q: Quaternion
-    arrival_ns: int
-
-
-class _Imu:
-    """What is known of one IMU: the samples that wait for a sweep, and the last that went into one."""
-
-    __slots__ = ('alive', 'heard_ns', 'last', 'last_ns', 'unusable_ns', 'used', 'used_ns', 'waiting')
-
-    def __init__(self) -> None:
-        self.waiting: deque[_Waiting] = deque()
-        self.forget()
-
-    def forget(self) -> None:
-        self.alive = True
-        self.waiting.clear()
-        self.last: Quaternion | None = None
-        self.used: Quaternion | None = None
-        self.last_ns = self.used_ns = self.heard_ns = self.unusable_ns = 0
-
-    def use(self) -> None:
-        """Take the first waiting sample."""
-        self.used_ns, self.used, _ = self.waiting.popleft()
 
 
 class SweepAssembler:
@@ -136,7 +108,7 @@ class SweepAssembler:
         self._timeout_ns = round(timeout * NS)
         self._interpolate = interpolate
         self._latency_ns = round(latency * NS)
-        self._imus = [_Imu() for _ in self._used]
+        self._imus = [ImuQueue() for _ in self._used]
         self.arrivals = Arrivals(len(self._used), patience, timeout)
         self._steps = TimeSteps()
         self.dropped: Counter[str] = Counter()
@@ -289,11 +261,12 @@ class SweepAssembler:
         return sweeps
 
     def _take(
-        self, imu: _Imu, stamp_ns: int, x: float, y: float, z: float, w: float, arrival_ns: int | None
+        self, imu: ImuQueue, stamp_ns: int, x: float, y: float, z: float, w: float, arrival_ns: int | None
     ) -> list[Sweep]:
         """Take a sample of the present time."""
-        q = self._usable(imu, stamp_ns, x, y, z, w)
-        if q is None:
+        q = imu.usable(stamp_ns, x, y, z, w)
+        if isinstance(q, str):
+            self.dropped[q] += 1
             imu.unusable_ns = stamp_ns
             return []
         imu.last, imu.last_ns = q, stamp_ns
@@ -308,7 +281,7 @@ class SweepAssembler:
             if not self._n_waiting or stamp_ns < self._oldest_ns:
                 self._oldest_ns, self._since_ns = stamp_ns, arrival_ns
             self._n_waiting += 1
-        imu.waiting.append(_Waiting(stamp_ns, q, arrival_ns))
+        imu.waiting.append(WaitingSample(stamp_ns, q, arrival_ns))
         if not imu.alive:
             imu.alive = True
             self._n_alive += 1
@@ -329,7 +302,7 @@ class SweepAssembler:
                 sweeps += self._complete()
         return sweeps
 
-    def _silent(self, *, whatever_the_clock: bool = False) -> list[_Imu]:
+    def _silent(self, *, whatever_the_clock: bool = False) -> list[ImuQueue]:
         """Living IMUs of which no sample waits, and none has come for long enough, or one that is no measurement."""
         missing = [
             imu
@@ -346,7 +319,7 @@ class SweepAssembler:
             if (waited and imu.heard_ns < long_ago) or imu.unusable_ns > self._oldest_ns
         ]
 
-    def _give_up(self, silent: list[_Imu]) -> None:
+    def _give_up(self, silent: list[ImuQueue]) -> None:
         for imu in silent:
             imu.alive = False
             self._n_alive -= 1
@@ -373,30 +346,10 @@ class SweepAssembler:
             sweeps += self._take(self._imus[one.index], *one[1:])
         return sweeps
 
-    def _let_go_of_held(self, samples: Sequence[HeldSample | _Waiting]) -> None:
+    def _let_go_of_held(self, samples: Sequence[HeldSample | WaitingSample]) -> None:
         assert self.newest_ns is not None
         for sample in samples:
             self.dropped[step_in_words(sample.stamp_ns, self.newest_ns)] += 1
-
-    def _usable(self, imu: _Imu, stamp_ns: int, x: float, y: float, z: float, w: float) -> Quaternion | None:
-        """The sample's unit quaternion, or None after counting why it is none."""
-        norm2 = x * x + y * y + z * z + w * w
-        if norm2 == 0.0:
-            self.dropped['all zero, not measured'] += 1
-            return None
-        if not abs(norm2 - 1.0) < 2.0 * NORM_TOLERANCE:
-            self.dropped['norm is not 1' if math.isfinite(norm2) else 'not a number'] += 1
-            return None
-        scale = 1.0 / math.sqrt(norm2)
-        x, y, z, w = x * scale, y * scale, z * scale, w * scale
-        if imu.last is not None:
-            lx, ly, lz, lw = imu.last
-            cosine = abs(x * lx + y * ly + z * lz + w * lw)
-            allowed = TURN_SLACK + MAX_TURN_RATE * (stamp_ns - imu.last_ns) / NS
-            if cosine < 1.0 and allowed < math.pi and 2.0 * math.acos(cosine) > allowed:
-                self.dropped['turned faster than the sensor can'] += 1
-                return None
-        return x, y, z, w
 
     def _complete(self) -> list[Sweep]:
         """Sweeps, as long as every living IMU has a sample that waits."""
@@ -405,14 +358,16 @@ class SweepAssembler:
             members = [
                 (imu.waiting[0].stamp_ns, index) for index, imu in enumerate(self._imus) if imu.waiting
             ]
-            there = self._present(members)
+            there = present(members, self._imus, self._timeout_ns)
             if len(there) < len(members) and self._resuming(members):
                 self._let_go([index for _, index in there])
                 self.dropped['before there were samples of all'] += len(there)
                 continue
-            members = self._catch_up(there)
-            left_out = self._left_over(members)
-            if left_out and all(self._comes_back(m, members) for m in members if m not in left_out):
+            members = catch_up(there, self._imus)
+            left_out = left_over(members, self._imus)
+            if left_out and all(
+                comes_back(m, members, self._imus, self._timeout_ns) for m in members if m not in left_out
+            ):
                 members = left_out
             elif left_out:
                 self._let_go([index for _, index in left_out])
@@ -428,63 +383,11 @@ class SweepAssembler:
             self._let_go([index for _, index in members])
         return sweeps
 
-    def _present(self, members: list[tuple[int, int]]) -> list[tuple[int, int]]:
-        """Those that measured at the time of the oldest sample; of the others only later ones wait."""
-        oldest = min(members)[0]
-        if max(members)[0] - oldest > self._timeout_ns:
-            members = [m for m in members if m[0] - oldest <= self._timeout_ns]
-        # An IMU that comes back from its silence does not belong to the rounds before.
-        next_ns = min(members)[0] + self._period(members)
-        return [m for m in members if m[0] < next_ns or not self._comes_back(m, members)]
-
-    def _period(self, members: list[tuple[int, int]]) -> int:
-        """Time of a round, as those tell it who were in the last one; 0 where none was."""
-        return min(
-            (stamp - self._imus[index].used_ns for stamp, index in members if self._imus[index].used),
-            default=0,
-        )
-
-    def _comes_back(self, member: tuple[int, int], members: list[tuple[int, int]]) -> bool:
-        """Whether this is an IMU's first sample after a silence in which others went on."""
-        imu = self._imus[member[1]]
-        silence = member[0] - imu.used_ns
-        return imu.used is not None and silence > self._timeout_ns + self._period(members)
-
-    def _resuming(self, members: list[tuple[int, int]]) -> bool:
+    def _resuming(self, members: list[Member]) -> bool:
         """Whether no sweep came just before, and those who are not here yet will be soon."""
         oldest, newest = min(members)[0], max(members)[0]
         begins = self._closed_ns is None or oldest - self._closed_ns > self._timeout_ns
         return begins and newest - oldest <= _RESUMING_NS
-
-    def _catch_up(self, members: list[tuple[int, int]]) -> list[tuple[int, int]]:
-        """Pass over samples of faster IMUs that are older than need be; (stamp, index) of the first waiting ones."""
-        newest = max(members)[0]
-        out = []
-        for _, index in members:
-            imu = self._imus[index]
-            while len(imu.waiting) > 1 and imu.waiting[1].stamp_ns <= newest:
-                imu.use()
-            out.append((imu.waiting[0].stamp_ns, index))
-        return out
-
-    def _left_over(self, members: list[tuple[int, int]]) -> list[tuple[int, int]]:
-        """Members whose sample is the end of the sweep before.
-
-        After a lost sample, or when listening began in the middle, a full set may begin with the end of one sweep and
-        end with the beginning of the next. Then its largest gap is much longer than the pause before the next round
-        would be; the samples before the gap are let go, and the set is completed by those that follow.
-        """
-        members = sorted(members)
-        span = members[-1][0] - members[0][0]
-        imus = [(self._imus[index], stamp) for stamp, index in members]
-        periods = [stamp - imu.used_ns for imu, stamp in imus if imu.used is not None]
-        if not periods or 2 * span <= min(periods):
-            return []
-        gap, cut = max((members[k + 1][0] - members[k][0], k + 1) for k in range(len(members) - 1))
-        pause = min(periods) - span
-        if gap <= 2 * pause or 2.5 * gap <= min(periods):
-            return []
-        return members[:cut]
 
     def _let_go(self, indices: Iterable[int]) -> None:
         for index in indices:
@@ -498,14 +401,14 @@ class SweepAssembler:
         if first is not None:
             self._oldest_ns, _, self._since_ns = first
 
-    def _on_base(self, members: list[tuple[int, int]]) -> Quaternion | None:
+    def _on_base(self, members: list[Member]) -> Quaternion | None:
         """Orientation of the IMU on the base; the last one within a short gap, None beyond."""
         imu = self._imus[self.n_imu]
         if any(index == self.n_imu for _, index in members):
             return imu.waiting[0].q
         return imu.used if min(members)[0] - imu.used_ns <= self._timeout_ns else None
 
-    def _sweep(self, members: list[tuple[int, int]]) -> Sweep:
+    def _sweep(self, members: list[Member]) -> Sweep:
         orientations = np.zeros((self.n_imu, 4))
         orientations[:, 3] = 1.0
         measured = np.zeros(self.n_imu, dtype=bool)
