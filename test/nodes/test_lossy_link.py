@@ -15,10 +15,10 @@ from sesa2.nodes.estimator import EstimatorNode
 from sesa2.nodes.serial_bridge import SerialBridge
 from sesa2.ros.qos import STREAM
 
-IDS = range(1, 9)
+IDS = range(1, 5)
 VALUES = {
     'arm': {'length': 0.66},
-    'imus': {'ids': list(IDS), 'positions': [round(0.08 * k, 2) for k in IDS]},
+    'imus': {'ids': list(IDS), 'positions': [round(0.16 * k, 2) for k in IDS]},
     'models': ['pcc'],
 }
 
@@ -91,15 +91,16 @@ class Bench:
     def assert_whole_and_in_order(self, healthy_step):
         stamps = np.array([s.stamp_ns for s in self.sweeps])
         assert (np.diff(stamps) > 0).all()
-        assert all(s.measured.all() for s in self.sweeps)
+        told = f'{dict(self.estimator.received)} {self.estimator.assembler.dropped}'
+        assert all(s.measured.all() for s in self.sweeps), told
         # Every instant that has come of all IMUs gave one, but for the first while topics were connected.
         received = min(self.estimator.received[i] for i in IDS)
         assert received - 10 <= len(stamps) <= received
         assert (
             max(np.bincount((stamps - stamps[0]) // 10**9)) <= 101 + 6
         )  # while the board's clock is being learnt
-        told = [t.header.stamp.sec * 10**9 + t.header.stamp.nanosec for t in self.tips]
-        assert told == stamps[-len(told) :].tolist() or told == stamps[: len(told)].tolist()
+        stamps_told = [t.header.stamp.sec * 10**9 + t.header.stamp.nanosec for t in self.tips]
+        assert stamps_told in (stamps[-len(stamps_told) :].tolist(), stamps[: len(stamps_told)].tolist())
         assert self.step() <= 3.0 * healthy_step
         assert not self.estimator.assembler.dropped['later than its sweep could wait']
 
@@ -113,12 +114,12 @@ class Bench:
         return max(steps)
 
 
-# Largest speed of the virtual arm's tip over its motions, times 20 ms; `test_a_healthy_link` keeps it true.
-HEALTHY_STEP = 0.003
+# The largest step of the virtual arm's tip within 20 ms in its first seconds, m; `test_a_healthy_link` keeps it true.
+HEALTHY_STEP = 0.0145
 
 
 def test_a_healthy_link(graph, configured, boards):
-    bench = Bench(graph, configured, boards, loss=0.0, delay=0.0).run(300)
+    bench = Bench(graph, configured, boards, loss=0.0, delay=0.0).run(500)
     bench.assert_whole_and_in_order(HEALTHY_STEP)
     assert bench.step() <= HEALTHY_STEP
 
