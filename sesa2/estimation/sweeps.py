@@ -201,13 +201,20 @@ class SweepAssembler:
         -------
         The sweeps, and how many samples were taken: mostly all or none.
         """
-        imus = [index for index, used in enumerate(self._used) if used]
+        imus = [index for index, alive in enumerate(self.alive) if alive]
         m = len(imus)
-        quiet = not (self._n_waiting or self._steps or self._interpolate) and self._n_alive == m
-        if not quiet or len(indices) < 2 * m or any(self._imus[i].used is None for i in imus):
+        quiet = not (self._n_waiting or self._steps or self._interpolate)
+        if (
+            not quiet
+            or (self._has_base and self.n_imu not in imus)
+            or not 1 <= m <= len(indices) // 2
+            or any(self._imus[i].used is None for i in imus)
+        ):
             return [], 0
         # The last round, which was taken one by one or here, is what the first of these is compared with.
         last = [self._imus[i] for i in indices[:m].tolist()]
+        if any(imu.last is None for imu in last):
+            return [], 0
         rounds = whole_rounds(
             np.concatenate([indices[:m], indices]),
             np.concatenate([[imu.last_ns for imu in last], stamps_ns - self._latency_ns]),

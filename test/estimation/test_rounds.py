@@ -159,3 +159,17 @@ def test_rounds_end_where_something_needs_a_second_look():
     assert len(whole_rounds(indices, stamps, q, imus=[0, 1, 2], **limits).stamps_ns) == 20
     assert whole_rounds(indices, stamps, q, imus=[0, 1, 3], **limits) is None
     assert whole_rounds(indices[:5], stamps[:5], q[:5], imus=[0, 1, 2], **limits) is None
+    slow_scan = recording(rng, 50, 3, scan=9 * MS)[:3]  # a round that takes most of its period
+    assert len(whole_rounds(*slow_scan, imus=[0, 1, 2], **limits).stamps_ns) == 1
+
+
+def test_an_imu_that_has_died_does_not_slow_the_rest():
+    rng = np.random.default_rng(3)
+    columns = recording(rng, 3000, 4)
+    there = (columns[0] != 2) | (columns[1] < T0 + 500 * MS)
+    columns = tuple(column[there] for column in columns)
+    slow, fast = (SweepAssembler([True] * 4, patience=5.0) for _ in range(2))
+    sweeps, at_once = many(fast, columns, 2048)
+    assert_same(one_by_one(slow, columns), sweeps, (slow, fast))
+    assert len(sweeps) == 3000
+    assert at_once > 6000
