@@ -13,14 +13,17 @@ from sesa2.bags.recording import Recording, open_recording
 from sesa2.bags.topics import imu_topic
 from sesa2.errors import Sesa2Error
 from sesa2.messages import poses
-from sesa2.messages.imu_messages import read_imu
+from sesa2.messages.imu_messages import read_imus
 from sesa2.messages.topic_names import absolute
 from sesa2.shape.rotations import FloatArray
 from sesa2.time import NS
 
+# Samples that are worked on at once: enough to make numpy worth its while, few enough to stay in the processor's cache.
+BLOCK = 2048
+
 
 class Sample(NamedTuple):
-    """One measurement of one IMU: stamp, ns, q_WS, and the sensor_msgs/Imu that it was read from, in CDR."""
+    """One measurement of one IMU: stamp, ns, q_WS, its sensor_msgs/Imu in CDR, and when it was recorded, ns."""
 
     id: int
     stamp_ns: int
@@ -29,6 +32,48 @@ class Sample(NamedTuple):
     z: float
     w: float
     data: bytes
+    log_ns: int
+
+
+class ImuBlock(NamedTuple):
+    """Measurements in the recording's order.
+
+    Attributes
+    ----------
+    ids : (n,)
+        of the IMUs.
+    stamps_ns : (n,)
+        ns.
+    orientations : (n, 4)
+        q_WS, x y z w.
+    data
+        the sensor_msgs/Imu that each was read from, in CDR.
+    log_ns : (n,)
+        when each was recorded, ns.
+    """
+
+    ids: np.ndarray
+    stamps_ns: np.ndarray
+    orientations: FloatArray
+    data: list[bytes]
+    log_ns: np.ndarray
+
+    def part(self, begin: int, end: int) -> 'ImuBlock':
+        """Those from one to before another."""
+        return ImuBlock(*(column[begin:end] for column in self))
+
+    def chosen(self, which: np.ndarray) -> 'ImuBlock':
+        """Those of these numbers."""
+        data = [self.data[k] for k in which.tolist()]
+        return ImuBlock(
+            self.ids[which], self.stamps_ns[which], self.orientations[which], data, self.log_ns[which]
+        )
+
+    def samples(self) -> Iterator[Sample]:
+        """One by one."""
+        columns = (self.ids.tolist(), self.stamps_ns.tolist(), self.orientations.tolist(), self.data)
+        for id_, stamp_ns, q, data, log_ns in zip(*columns, self.log_ns.tolist(), strict=True):
+            yield Sample(id_, stamp_ns, *q, data, log_ns)
 
 
 class ImuRecording:
@@ -76,14 +121,23 @@ class ImuRecording:
         self.counts = {id_: recording.topics[name].count for name, id_ in self._ids.items()}
         self.unreadable: Counter[int] = Counter()
 
-    def samples(self) -> Iterator[Sample]:
+    def blocks(self) -> Iterator[ImuBlock]:
         """All measurements, in the recording's order."""
-        ids = self._ids
-        for topic, _, _, data in self._recording.messages(ids):
-            try:
-                yield Sample(ids[topic], *read_imu(data), data)
-            except Sesa2Error:
-                self.unreadable[ids[topic]] += 1
+        messages = self._recording.messages(self._ids)
+        while part := list(islice(messages, BLOCK)):
+            ids = np.fromiter((self._ids[message.topic] for message in part), np.int64, len(part))
+            log_ns = np.fromiter((message.log_ns for message in part), np.int64, len(part))
+            data = [message.data for message in part]
+            stamps_ns, orientations, readable = read_imus(data)
+            if not readable.all():
+                self.unreadable.update(ids[~readable].tolist())
+            block = ImuBlock(ids, stamps_ns, orientations, data, log_ns)
+            yield block if readable.all() else block.chosen(np.flatnonzero(readable))
+
+    def samples(self) -> Iterator[Sample]:
+        """The same one by one."""
+        for block in self.blocks():
+            yield from block.samples()
 
     def configuration(self) -> str | None:
         """The configuration that was in force, as YAML; None where the recording does not hold it."""

@@ -9,6 +9,7 @@ from sesa2.bags.reading import ImuRecording
 from sesa2.bags.recording import open_recording
 from sesa2.configuration import Configuration
 from sesa2.errors import Sesa2Error
+from sesa2.estimation.arrivals import OFFLINE_PATIENCE, lag_in_words
 from sesa2.estimation.estimator import Estimator
 from sesa2.shape.rotations import FloatArray
 
@@ -57,17 +58,21 @@ def read_sweeps(
         it is unusable, or has no sweep of the configured IMUs.
     """
     estimator = Estimator(configuration)
-    assembler = estimator.assembler()
+    assembler = estimator.assembler(OFFLINE_PATIENCE)
     indices = configuration.imus.indices
     sweeps = []
     with open_recording(path, first_id) as recording:
         for sample in ImuRecording(recording).samples():
             if (index := indices.get(sample.id)) is not None:
-                sweeps += assembler.add(index, *sample[1:6])
+                sweeps += assembler.add(index, *sample[1:6], sample.log_ns)
         sweeps += assembler.flush()
         problems = [
             *recording.problems,
             *(f'{n} samples not used: {why}' for why, n in assembler.dropped.items()),
+            *(
+                f'IMU {configuration.imus.all_ids[index]}: {lag_in_words(lag)}'
+                for index, lag in assembler.arrivals.lags.items()
+            ),
         ]
     if not sweeps:
         raise Sesa2Error(f'{path}: no sweep of the configured IMUs; {"; ".join(problems) or "no samples"}')

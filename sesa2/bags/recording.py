@@ -5,8 +5,11 @@ from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
+import yaml
+from mcap.summary import Summary
 from rosbags.rosbag2 import Reader
 
+from sesa2.bags.mcap_index import indexed_messages, read_index
 from sesa2.bags.orientations_csv import OrientationsCsv
 from sesa2.bags.predecessor import PredecessorBag
 from sesa2.bags.topics import Message, Part, RecordedTopic, is_latched
@@ -130,6 +133,21 @@ def _open_file(path: Path, first_id: int | None = None) -> Part:
         return UnfinishedMcap(path)
 
 
+def _indexed_files(path: Path) -> list[tuple[Path, Summary]]:
+    """The files of a bag with their indices; none where not all of them are MCAP files that have one."""
+    files = [path]
+    if path.is_dir():
+        information = yaml.safe_load((path / 'metadata.yaml').read_text('utf-8'))[
+            'rosbag2_bagfile_information'
+        ]
+        if information.get('compression_mode'):
+            return []
+        files = [path / name for name in information['relative_file_paths']]
+    found = [(file, read_index(file)) for file in files if file.suffix == '.mcap']
+    indexed = [(file, summary) for file, summary in found if summary is not None]
+    return indexed if len(indexed) == len(files) else []
+
+
 class _RefusedError(Exception):
     """Why rosbags does not read a bag."""
 
@@ -148,6 +166,7 @@ class _Rosbag2:
             raise
         except Exception as error:  # a damaged file makes its parser stumble in any way
             raise _RefusedError(str(error) or type(error).__name__) from None
+        self._indexed = _indexed_files(path)
         self._names = {c.id: absolute(c.topic) for c in self._reader.connections}
         for connection in self._reader.connections:
             name = self._names[connection.id]
@@ -161,9 +180,14 @@ class _Rosbag2:
             return
         read = 0
         try:
-            for connection, log_ns, data in self._reader.messages(wanted):
-                yield Message(self._names[connection.id], connection.msgtype, log_ns, data)
-                read += 1
+            for file, summary in self._indexed:
+                for message in indexed_messages(file, summary, topics):
+                    yield message
+                    read += 1
+            if not self._indexed:
+                for connection, log_ns, data in self._reader.messages(wanted):
+                    yield Message(self._names[connection.id], connection.msgtype, log_ns, data)
+                    read += 1
         except Exception as error:  # as above
             self.problems = [f'{self._path} is damaged after {read} messages, the rest is not used: {error}']
 

@@ -1,30 +1,31 @@
 """The estimator over a whole recording, as fast as the machine can, with the results of a live run."""
 
-from bisect import bisect_right
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import repeat
-from operator import itemgetter
 from pathlib import Path
 
 import numpy as np
 
 from sesa2.bags.definitions import STRING, string_message
-from sesa2.bags.reading import ImuRecording, Sample
+from sesa2.bags.reading import ImuBlock, ImuRecording, Sample
 from sesa2.bags.recording import open_recording
 from sesa2.bags.writing import BagWriter, new_bag
 from sesa2.configuration import Configuration, files
 from sesa2.errors import Sesa2Error
+from sesa2.estimation.arrivals import OFFLINE_PATIENCE, lag_in_words
 from sesa2.estimation.estimator import Estimator
-from sesa2.estimation.sweeps import Sweep
+from sesa2.estimation.sweeps import NO_BASE, Sweep
+from sesa2.estimation.time_steps import AHEAD_NS
 from sesa2.messages.imu_messages import TYPE as IMU_TYPE
 from sesa2.messages.results import ResultMessages
 from sesa2.messages.topic_names import CONFIGURATION, imu_data
 from sesa2.time import NS
 
-# Samples that are worked on at once: enough to make numpy worth its while, few enough to stay in the processor's cache.
-BLOCK = 2048
+# Samples that are kept back for results that are to come before them.
+_PENDING_MAX = 32_768
+# Samples that are looked at one by one before whole rounds are looked for again.
+_ONE_BY_ONE = 64
 
 
 @dataclass
@@ -47,6 +48,10 @@ class Summary:
         number of sweeps in which an enabled IMU was missing.
     resets
         how often time jumped back.
+    lags
+        how far stamps of IMUs are behind those of the others, s, by id; ahead: negative.
+    silent_base
+        the IMU on the base, if results are missing for lack of it; else 0.
     near_singular
         number of results with a joint beyond 80° about z, by model.
     messages
@@ -64,6 +69,8 @@ class Summary:
     sweeps: int = 0
     partial: int = 0
     resets: int = 0
+    lags: dict[int, float] = field(default_factory=dict)
+    silent_base: int = 0
     near_singular: Counter[str] = field(default_factory=Counter)
     messages: Counter[str] = field(default_factory=Counter)
     duration: float = 0.0
@@ -76,6 +83,9 @@ class Summary:
         lines += [f'IMU {id_}: {n} messages not used: not in imus.ids' for id_, n in self.unknown.items()]
         lines += [f'IMU {id_}: {n} messages not used: damaged' for id_, n in self.unreadable.items()]
         lines += [f'{n} samples not used: {reason}' for reason, n in self.dropped.items()]
+        lines += [f'IMU {id_}: {lag_in_words(lag)}' for id_, lag in self.lags.items()]
+        if self.silent_base:
+            lines.append(f'IMU {self.silent_base} on the base was silent; without it there is no shape')
         if self.partial:
             lines.append(f'{self.partial} of {self.sweeps} sweeps lack an IMU, which was interpolated')
         if self.resets:
@@ -136,11 +146,11 @@ def replay(
         total = sum(imus.counts.values())
         with new_bag(out) as bag:
             run = _Replay(configuration, imus, bag)
-            for done, sample in enumerate(imus.samples(), start=1):
-                index = indices.get(sample.id)
-                if index is not None:
-                    run.add(index, sample)
-                if progress and done % BLOCK == 0:
+            done = 0
+            for block in imus.blocks():
+                run.add(block)
+                done += len(block.data)
+                if progress and done < total:
                     progress(done, total)
             summary = run.finish()
             summary.unknown = Counter({id_: n for id_, n in imus.counts.items() if id_ not in indices})
@@ -166,7 +176,14 @@ class _Replay:
         self._namespace = imus.namespace
         self._enabled = np.array(configuration.imus.enabled)
         self._estimator = Estimator(configuration)
-        self._assembler = self._estimator.assembler()
+        self._assembler = self._estimator.assembler(OFFLINE_PATIENCE)
+        self._indices = configuration.imus.indices
+        # By index, the base's, if there is one, and that of unknown ids last.
+        self._used = np.array(
+            [i in configuration.imus.used_ids for i in configuration.imus.all_ids] + [False]
+        )
+        self._imu_ids = configuration.imus.all_ids
+        self._base_id = configuration.imus.base_id
         self._messages = ResultMessages(configuration, self._estimator)
         self._names: dict[int, str] = {}
         self._configuration = self._topic(CONFIGURATION, STRING, latched=True)
@@ -180,9 +197,10 @@ class _Replay:
             for topic in self._messages.topics
             if not topic.name.endswith('/marker_array')  # which is for viewers
         }
-        self._block: list[Sweep] = []
-        self._pending: list[tuple[int, int, bytes]] = []  # stamp, topic and bytes of what is not written yet
-        self._taken = 0
+        self._sweeps: list[Sweep] = []
+        self._pending = _Entries()  # what is not written yet
+        self._held = _Entries()  # samples of another time
+        self._written_ns = 0  # time of the last entry that was written
         self._first_ns: int | None = None  # stamps of the results since time last jumped back
         self._last_ns = 0
         self.summary = Summary()
@@ -192,27 +210,77 @@ class _Replay:
         self._names[number] = f'{self._namespace}{name}'
         return number
 
-    def add(self, index: int, sample: Sample) -> None:
-        """Take a sample of a configured IMU."""
-        id_, stamp_ns, x, y, z, w, data = sample
+    def add(self, block: ImuBlock) -> None:
+        """Take samples, of any IMUs."""
+        indices = np.array([self._indices.get(id_, -1) for id_ in block.ids.tolist()])
+        self.summary.samples.update(block.ids[indices >= 0].tolist())
+        used = self._used[indices]
+        if not used.all():
+            self._pend(block.chosen(np.flatnonzero(~used & (indices >= 0))))
+            block, indices = block.chosen(np.flatnonzero(used)), indices[used]
+        begin = 0
+        while begin < len(indices):
+            sweeps, taken = self._assembler.add_many(
+                indices[begin:], block.stamps_ns[begin:], block.orientations[begin:], block.log_ns[begin:]
+            )
+            self._sweeps += sweeps
+            self._pend(block.part(begin, begin + taken))
+            begin += taken
+            end = begin + _ONE_BY_ONE
+            for index, sample in zip(
+                indices[begin:end].tolist(), block.part(begin, end).samples(), strict=True
+            ):
+                self._add_one(index, sample)
+            begin = end
+        self._end_block()
+
+    def _pend(self, block: ImuBlock) -> None:
+        """Keep samples until they can be written, where they are to be."""
+        if self._imus and block.data:
+            topics = [self._imus[id_] for id_ in block.ids.tolist()]
+            self._pending.extend(block.stamps_ns.tolist(), topics, block.data)
+
+    def _add_one(self, index: int, sample: Sample) -> None:
+        id_, stamp_ns, x, y, z, w, data, log_ns = sample
         resets = self._assembler.resets
-        sweeps = self._assembler.add(index, stamp_ns, x, y, z, w)
-        if self._assembler.resets != resets:  # sweeps of before the jump go with the samples of before it
-            self._block += [sweep for sweep in sweeps if sweep.stamp_ns > stamp_ns]
-            sweeps = [sweep for sweep in sweeps if sweep.stamp_ns <= stamp_ns]
+        sweeps = self._assembler.add(index, stamp_ns, x, y, z, w, log_ns)
+        if self._assembler.resets != resets:  # sweeps of before the step go with the samples of before it
+            stamps = [sweep.stamp_ns for sweep in [*self._sweeps[-1:], *sweeps]]
+            steps = [k for k in range(1, len(stamps)) if stamps[k] <= stamps[k - 1]]
+            before = steps[0] - (len(stamps) - len(sweeps)) if steps else len(sweeps)
+            self._sweeps += sweeps[:before]
+            sweeps = sweeps[before:]
             self._end_segment()
-        self._block += sweeps
+        self._sweeps += sweeps
         if id_ in self._imus:
-            self._pending.append((stamp_ns, self._imus[id_], data))
-        self.summary.samples[id_] += 1
-        self._taken += 1
-        if self._taken >= BLOCK:
-            self._end_block()
+            entries = self._held if self._assembler.holds(index) else self._pending
+            entries.extend([stamp_ns], [self._imus[id_]], [data])
+        if self._held and (not self._assembler.holding or len(self._held) > _PENDING_MAX):
+            self._release_held()
+
+    def _release_held(self) -> None:
+        self._pending.extend(
+            [self._placed(t) for t in self._held.stamps_ns], self._held.topics, self._held.data
+        )
+        self._held = _Entries()
+
+    def _placed(self, stamp_ns: int) -> int:
+        """Where a sample of another time goes: to its stamp if time has come to that, else among its neighbours."""
+        newest_ns = self._assembler.newest_ns
+        if newest_ns is None or 0 <= newest_ns - stamp_ns <= AHEAD_NS:
+            return stamp_ns
+        return newest_ns
 
     def finish(self) -> Summary:
         """Write what is left."""
-        self._block += self._assembler.flush()
+        self._sweeps += self._assembler.flush()
+        self._release_held()
         self._end_segment()
+        self.summary.lags = {
+            self._imu_ids[index]: lag for index, lag in self._assembler.arrivals.lags.items()
+        }
+        if self._assembler.dropped[NO_BASE]:
+            self.summary.silent_base = self._base_id
         self.summary.dropped = self._assembler.dropped
         self.summary.resets = self._assembler.resets
         self.summary.messages = Counter({self._names[n]: count for n, count in self._bag.counts.items()})
@@ -220,40 +288,74 @@ class _Replay:
 
     def _end_segment(self) -> None:
         self._end_block()
-        self._write(self._pending)
-        self._pending = []
+        self._write(self._pending.taken())
+        self._written_ns = 0
         if self._first_ns is not None:
             self.summary.duration += (self._last_ns - self._first_ns) / NS
         self._first_ns = None
 
     def _end_block(self) -> None:
         """Estimate, and write what is not newer than the last result: a result can be older than the next sample."""
-        self._taken = 0
-        if not self._block:
-            if len(self._pending) > BLOCK:  # nothing but samples that make no sweep
-                self._write(self._pending)
-                self._pending = []
+        if not self._sweeps:
+            if len(self._pending) > _PENDING_MAX:  # nothing but samples that make no sweep
+                self._write(self._pending.taken())
             return
-        estimate = self._estimator.estimate(self._block)
+        estimate = self._estimator.estimate(self._sweeps)
         stamps = estimate.stamps_ns.tolist()
         for topic, number in self._results.items():
             rows = self._messages.make(topic, estimate)
-            self._pending += zip(stamps, repeat(number), map(bytes, rows))
+            size, together = rows.shape[1], rows.tobytes()
+            messages = [together[k : k + size] for k in range(0, len(together), size)]
+            self._pending.extend(stamps, [number] * len(stamps), messages)
         self.summary.sweeps += len(stamps)
-        self.summary.partial += sum(not sweep.measured[self._enabled].all() for sweep in self._block)
+        measured = np.array([sweep.measured for sweep in self._sweeps])
+        self.summary.partial += int((~measured[:, self._enabled].all(axis=1)).sum())
         self.summary.near_singular.update({m: r.near_singular for m, r in estimate.models.items()})
-        self._block = []
+        self._sweeps = []
         self._first_ns = stamps[0] if self._first_ns is None else self._first_ns
         self._last_ns = stamps[-1]
-        self._pending.sort(key=itemgetter(0))
-        written = bisect_right(self._pending, stamps[-1], key=itemgetter(0))
-        self._write(self._pending[:written])
-        del self._pending[:written]
+        self._write(self._pending.taken(stamps[-1]))
 
-    def _write(self, entries: list[tuple[int, int, bytes]]) -> None:
-        """Write in the order given. A bag knows no time before 0, to which the latency can lead in simulated time."""
-        if entries and self._yaml is not None:
-            self._bag.write(self._configuration, max(entries[0][0], 0), string_message(self._yaml))
+    def _write(self, entries: '_Entries') -> None:
+        """Write in the order given; what comes too late for its place goes to the end.
+
+        A bag knows no time before 0, to which the latency can lead in simulated time.
+        """
+        if not entries:
+            return
+        times = np.maximum.accumulate(np.maximum(entries.stamps_ns, self._written_ns)).tolist()
+        if self._yaml is not None:
+            self._bag.write(self._configuration, times[0], string_message(self._yaml))
             self._yaml = None
-        for stamp_ns, topic, data in entries:
-            self._bag.write(topic, max(stamp_ns, 0), data)
+        self._written_ns = times[-1]
+        self._bag.write_many(entries.topics, times, entries.data)
+
+
+class _Entries:
+    """Messages that are to be written: stamps, ns, numbers of their topics, and bytes."""
+
+    def __init__(self) -> None:
+        self.stamps_ns: list[int] = []
+        self.topics: list[int] = []
+        self.data: list[bytes] = []
+
+    def __len__(self) -> int:
+        return len(self.data)
+
+    def extend(self, stamps_ns: Sequence[int], topics: Sequence[int], data: Sequence[bytes]) -> None:
+        self.stamps_ns += stamps_ns
+        self.topics += topics
+        self.data += data
+
+    def taken(self, until_ns: int | None = None) -> '_Entries':
+        """Take those up to a time, all where it is None; in order of time."""
+        stamps = np.array(self.stamps_ns, dtype=np.int64)
+        order = np.argsort(stamps, kind='stable')
+        n = len(order) if until_ns is None else int(np.searchsorted(stamps[order], until_ns, side='right'))
+        ready, rest = order[:n].tolist(), order[n:].tolist()
+        out = _Entries()
+        out.extend(stamps[order[:n]].tolist(), [self.topics[k] for k in ready], [self.data[k] for k in ready])
+        self.stamps_ns = [self.stamps_ns[k] for k in rest]
+        self.topics = [self.topics[k] for k in rest]
+        self.data = [self.data[k] for k in rest]
+        return out

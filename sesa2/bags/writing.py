@@ -8,15 +8,16 @@ caller for seconds: a power cut may cost what the kernel had not yet written, us
 import os
 import shutil
 import time
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import yaml
-from mcap.writer import CompressionType, Writer
 
 from sesa2.bags.definitions import definition
+from sesa2.bags.mcap_file import McapFile
 from sesa2.errors import Sesa2Error
 
 FLUSH_EVERY = 0.5  # s
@@ -70,10 +71,9 @@ class BagWriter:
             self._file = (folder / self._file_name).open('wb')
         except OSError as error:
             raise _not_written(folder, error) from None
-        # LZ4 makes files a fifth larger than Zstandard does, and takes hardly more time than no compression.
-        self._mcap = Writer(self._file, CHUNK_SIZE, CompressionType.LZ4)
         try:
-            self._mcap.start('ros2')
+            # LZ4 makes files a fifth larger than Zstandard does, and takes hardly more time than no compression.
+            self._mcap = McapFile(self._file, CHUNK_SIZE)
         except OSError as error:
             raise self._failure(error) from None
 
@@ -98,8 +98,8 @@ class BagWriter:
         about = {'offered_qos_profiles': yaml.safe_dump(qos, sort_keys=False), 'topic_type_hash': type_hash}
         try:
             if type_name not in self._schemas:
-                self._schemas[type_name] = self._mcap.register_schema(type_name, 'ros2msg', text.encode())
-            number = self._mcap.register_channel(name, 'cdr', self._schemas[type_name], about)
+                self._schemas[type_name] = self._mcap.add_schema(type_name, text)
+            number = self._mcap.add_channel(name, self._schemas[type_name], about)
         except OSError as error:
             raise self._failure(error) from None
         self._channels[number] = _Channel(name, type_name, type_hash, qos)
@@ -121,7 +121,7 @@ class BagWriter:
             when it was published, ns; where None, when it was recorded.
         """
         try:
-            self._mcap.add_message(topic, log_ns, data, log_ns if publish_ns is None else publish_ns)
+            self._mcap.add(topic, log_ns, log_ns if publish_ns is None else publish_ns, data)
         except OSError as error:
             raise self._failure(error) from None
         self.counts[topic] += 1
@@ -130,10 +130,33 @@ class BagWriter:
         if self._flush_every is not None and time.monotonic() - self._flushed >= self._flush_every:
             self.flush()
 
+    def write_many(self, topics: Sequence[int], log_ns: Sequence[int], data: Sequence[bytes]) -> None:
+        """Write messages that were published when they were recorded.
+
+        Parameters
+        ----------
+        topics
+            number of the topic of each.
+        log_ns
+            when each was recorded, ns.
+        data
+            each, in CDR.
+        """
+        if not data:
+            return
+        try:
+            self._mcap.add_many(topics, log_ns, data)
+        except OSError as error:
+            raise self._failure(error) from None
+        for topic, n in Counter(topics).items():
+            self.counts[topic] += n
+        self._first_ns = min(self._first_ns, *log_ns)
+        self._last_ns = max(self._last_ns, *log_ns)
+
     def flush(self) -> None:
         """Close the chunk and hand it to the kernel. Live, also from a timer, for when messages stop coming."""
         try:
-            self._mcap.flush()
+            self._mcap.end_chunk()
         except OSError as error:
             raise self._failure(error) from None
         self._flushed = time.monotonic()

@@ -7,6 +7,7 @@ import numpy as np
 
 from sesa2.alignment.heading_filter import HeadingFilter
 from sesa2.configuration import Configuration
+from sesa2.errors import Sesa2Error
 from sesa2.estimation.sweeps import Sweep, SweepAssembler
 from sesa2.sensing.imu.mounting import Mounting
 from sesa2.shape.joints import WARN_COSINE, JointAngles, hold_x, joint_angles
@@ -104,8 +105,14 @@ class Estimator:
         """The models, in the order of the configuration."""
         return {name: configured.model for name, configured in self._models.items()}
 
-    def assembler(self) -> SweepAssembler:
-        """A sweep assembler for this configuration; index n_imu is the IMU on the base, if there is one."""
+    def assembler(self, patience: float | None = None) -> SweepAssembler:
+        """A sweep assembler for this configuration; index n_imu is the IMU on the base, if there is one.
+
+        Parameters
+        ----------
+        patience : s
+            how long a message may be on its way; None: arrivals teach it.
+        """
         imus = self.configuration.imus
         return SweepAssembler(
             imus.enabled,
@@ -113,6 +120,7 @@ class Estimator:
             timeout=self.configuration.sweep_timeout,
             interpolate=self.configuration.time_alignment == 'interpolate',
             latency=imus.latency,
+            patience=patience,
         )
 
     def estimate(self, sweeps: Sequence[Sweep]) -> Estimate:
@@ -133,13 +141,22 @@ class Estimator:
         return Estimate(stamps, base, self._fit(orientations, base))
 
     def bases(self, sweeps: Sequence[Sweep]) -> FloatArray:
-        """Orientation of the base at each sweep, q_WB, (n, 4)."""
+        """Orientation of the base at each sweep, q_WB, (n, 4): of the IMU on it where there is one, else as configured.
+
+        Raises
+        ------
+        Sesa2Error
+            a sweep lacks that IMU.
+        """
         measured = [sweep.base for sweep in sweeps if sweep.base is not None]
-        if measured:
-            return self._base_mounting.link_orientations(np.stack(measured)[:, None])[:, 0]
-        bases = np.empty((len(sweeps), 4))
-        bases[:] = self._base
-        return bases
+        if not measured and not self.configuration.imus.base_id:
+            bases = np.empty((len(sweeps), 4))
+            bases[:] = self._base
+            return bases
+        if len(measured) < len(sweeps):
+            n = len(sweeps) - len(measured)
+            raise Sesa2Error(f'{n} of {len(sweeps)} sweeps without the IMU on the base, expected it in each')
+        return self._base_mounting.link_orientations(np.stack(measured)[:, None])[:, 0]
 
     def _fit(self, orientations: FloatArray, base: FloatArray) -> dict[str, ModelResult]:
         measured = Measured(orientations, base)

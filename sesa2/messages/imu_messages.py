@@ -1,6 +1,7 @@
 """sensor_msgs/Imu as bytes."""
 
 import struct
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -10,6 +11,7 @@ from sesa2.messages.cdr import CdrLayout
 from sesa2.time import NS
 
 TYPE = 'sensor_msgs/msg/Imu'
+_SHORTEST = 16  # bytes that tell the layout
 
 
 class ImuSample(NamedTuple):
@@ -42,6 +44,45 @@ def read_imu(data: bytes) -> ImuSample:
         return ImuSample(seconds * NS + nanoseconds, *struct.unpack_from(f'{order}4d', data, at))
     except (IndexError, struct.error):
         raise Sesa2Error(f'a {TYPE} message of {len(data)} bytes, expected at least 316') from None
+
+
+def read_imus(data: Sequence[bytes]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Read stamps and orientations of many messages.
+
+    Parameters
+    ----------
+    data
+        the serialised messages, as in `read_imu`.
+
+    Returns
+    -------
+    stamps_ns : (n,), int64, orientations : (n, 4) and readable : (n,), false where it is no message of an IMU.
+    """
+    n = len(data)
+    stamps, orientations = np.zeros(n, np.int64), np.zeros((n, 4))
+    readable = np.ones(n, dtype=bool)
+    sizes = np.fromiter(map(len, data), np.int64, n)
+    for size in np.unique(sizes).tolist():
+        rows = np.flatnonzero(sizes == size)
+        raw = np.frombuffer(b''.join([data[k] for k in rows.tolist()]), np.uint8).reshape(len(rows), size)
+        # Those of the same size mostly are of the same layout.
+        if (
+            size >= _SHORTEST
+            and raw[0, 1] & 1
+            and (raw[:, [1, 12, 13, 14, 15]] == raw[0, [1, 12, 13, 14, 15]]).all()
+        ):
+            at = 4 + (12 + int(raw[0, 12:16].view('<u4')[0]) + 7) // 8 * 8
+            if at + 32 <= size:
+                seconds, nanoseconds = raw[:, 4:12].copy().view('<u4').T
+                stamps[rows] = seconds.astype('<i4').astype(np.int64) * NS + nanoseconds
+                orientations[rows] = raw[:, at : at + 32].copy().view('<f8')
+                continue
+        for k in rows.tolist():
+            try:
+                stamps[k], *orientations[k] = read_imu(data[k])
+            except Sesa2Error:
+                readable[k] = False
+    return stamps, orientations, readable
 
 
 def without_acceleration(data: bytes) -> bytes:

@@ -18,6 +18,7 @@ from visualization_msgs.msg import MarkerArray
 from sesa2.alignment.straight_pose import Alignment, align_straight
 from sesa2.configuration import Configuration, files
 from sesa2.errors import Sesa2Error
+from sesa2.estimation.arrivals import lag_in_words
 from sesa2.estimation.estimator import Estimate, Estimator
 from sesa2.estimation.sweeps import Sweep
 from sesa2.messages.imu_messages import read_imu
@@ -33,6 +34,8 @@ from sesa2.time import NS
 
 # What of the past `~/align` looks at: the arm was straight for so long.
 _POSE_NS = 3 * NS
+# How often the clock is looked at for sweeps that need not wait any longer.
+_LOOK_EVERY_NS = NS // 20
 
 _CLASSES = {
     'joint_states': JointState,
@@ -93,13 +96,14 @@ class EstimatorNode(rclpy.node.Node):
         self._unreadable = 0
         self._near_singular = Counter[str]()
         self._last_report = (time.monotonic(), Counter[int](), 0)
-        self._last_arrival = time.monotonic()
+        self._listened_ns = 0
+        self._looked_ns = time.monotonic_ns()
         self._recent: deque[Sweep] = deque()
         self._align_services = [
             self.create_service(Trigger, '~/align', partial(self._align, headings=False)),
             self.create_service(Trigger, '~/align_headings', partial(self._align, headings=True)),
         ]
-        self._watchdog = self.create_timer(self.configuration.sweep_timeout, self._close_overdue)
+        self._watchdog = self.create_timer(_LOOK_EVERY_NS / NS, self._close_overdue)
         self._diagnostics = Diagnostics(self, 'arm', self._report)
 
     def _take(self, index: int) -> Callable[[bytes], None]:
@@ -107,24 +111,32 @@ class EstimatorNode(rclpy.node.Node):
 
         def take(data: bytes) -> None:
             self.received[imu] += 1
-            self._last_arrival = time.monotonic()
+            arrival_ns = self._listening_clock()
             try:
                 sample = read_imu(data)
             except Sesa2Error:
                 self._unreadable += 1
                 return
-            for sweep in add(index, *sample):
+            for sweep in add(index, *sample, arrival_ns):
                 self._publish(sweep)
 
         return take
 
+    def _listening_clock(self) -> int:
+        """For how long this node has listened, ns: while it is held up, messages wait in their queues unheard."""
+        now_ns = time.monotonic_ns()
+        self._listened_ns += min(now_ns - self._looked_ns, 2 * _LOOK_EVERY_NS)
+        self._looked_ns = now_ns
+        return self._listened_ns
+
     def _close_overdue(self) -> None:
-        """When all IMUs fall silent no sample comes that would show the timeout; the clock has to."""
-        if time.monotonic() - self._last_arrival > self.configuration.sweep_timeout:
-            for sweep in self.assembler.flush():
-                self._publish(sweep)
+        """When an IMU falls silent, and when all do, no sample comes at the right time to show it."""
+        for sweep in self.assembler.close_overdue(self._listening_clock()):
+            self._publish(sweep)
 
     def _publish(self, sweep: Sweep) -> None:
+        if self._recent and sweep.stamp_ns <= self._recent[-1].stamp_ns:
+            self._recent.clear()  # time has stepped back: what was is not the present pose
         self._recent.append(sweep)
         while sweep.stamp_ns - self._recent[0].stamp_ns > _POSE_NS:
             self._recent.popleft()
@@ -189,7 +201,9 @@ class EstimatorNode(rclpy.node.Node):
     def _report(self) -> list[Part]:
         now, before = time.monotonic(), self._last_report
         elapsed = now - before[0]
-        alive = self.assembler.alive
+        alive, lags = self.assembler.alive, self.assembler.arrivals.lags
+        base_id = self.configuration.imus.base_id
+        no_base = False
         parts: list[Part] = []
         for index, imu in enumerate(self._ids):
             if imu not in self.configuration.imus.used_ids:
@@ -203,8 +217,13 @@ class EstimatorNode(rclpy.node.Node):
                     ERROR,
                     f'{publishers} publishers on one topic, expected 1: their samples are mixed',
                 )
+            elif (rate == 0.0 or not alive[index]) and imu == base_id:
+                no_base = True
+                level, text = ERROR, 'nothing measured; without the IMU on the base there is no shape'
             elif rate == 0.0 or not alive[index]:
                 level, text = WARN, 'nothing measured; interpolated from its neighbours'
+            if index in lags:
+                level, text = max(level, WARN), f'{text}; {lag_in_words(lags[index])}'
             parts.append((imu_name(imu), level, text, {'rate_hz': f'{rate:.1f}', 'publishers': publishers}))
         sweeps = (self.n_sweeps - before[2]) / elapsed
         dropped = {f'dropped: {reason}': n for reason, n in self.assembler.dropped.items()}
@@ -214,9 +233,13 @@ class EstimatorNode(rclpy.node.Node):
             'unreadable': self._unreadable,
             **dropped,
         }
-        parts.append(
-            ('sweeps', OK if sweeps else ERROR, f'{sweeps:.1f} Hz' if sweeps else 'no IMU is alive', counts)
-        )
+        if no_base:
+            level, text = ERROR, f'no result: IMU {base_id} on the base is silent'
+        elif sweeps:
+            level, text = OK, f'{sweeps:.1f} Hz'
+        else:
+            level, text = ERROR, 'no IMU is alive'
+        parts.append(('sweeps', level, text, counts))
         for name, n in self._near_singular.items():
             if n:
                 text = f'{n} sweeps with a joint beyond 80° about z: joint angles are near their singularity'

@@ -13,7 +13,7 @@ from sesa2.bags.reading import ImuRecording, Sample
 from sesa2.bags.recording import open_recording
 from sesa2.configuration import ConfigurationError, Mistake
 from sesa2.errors import Sesa2Error
-from sesa2.estimation.sweeps import RESET_NS
+from sesa2.estimation.time_steps import BACK_NS
 from sesa2.messages.topic_names import imu_data
 from sesa2.ros.diagnostics import OK, Diagnostics, Part
 from sesa2.ros.parameters import declare_configuration
@@ -117,7 +117,7 @@ class Player(rclpy.node.Node):
         for sample in self._imus.samples():
             if first_ns is None:
                 first_ns = newest_ns = sample.stamp_ns + skip_ns
-            elif sample.stamp_ns < newest_ns - RESET_NS and not skip_ns:
+            elif sample.stamp_ns < newest_ns - BACK_NS and not skip_ns:
                 first_ns = newest_ns = sample.stamp_ns  # a new beginning, as of a bag that was looped
                 began = time.monotonic()
             if sample.stamp_ns >= first_ns:

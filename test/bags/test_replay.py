@@ -9,16 +9,20 @@ from made_samples import N_IMU, PERIOD_NS, START_NS, make_samples, unmeasured, w
 from rosbags.highlevel import AnyReader
 from rosbags.rosbag1 import Reader as Rosbag1
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from scipy.spatial.transform import Rotation, Slerp
 from twin_recording import write_twin_recording
 
 from sesa2.bags.reading import ImuRecording, read_poses
+from sesa2.bags.recorded_sweeps import read_sweeps
 from sesa2.bags.recording import open_recording
 from sesa2.bags.replay import replay
 from sesa2.bags.writing import new_bag
-from sesa2.configuration import ConfigurationError, files
+from sesa2.configuration import ConfigurationError, files, validate
 from sesa2.errors import Sesa2Error
 from sesa2.estimation.estimator import Estimator
 from sesa2.estimation.sweeps import Sweep
+from sesa2.messages.imu_messages import TYPE as IMU_TYPE
+from sesa2.messages.imu_messages import ImuMessages
 
 
 def write(path, made):
@@ -117,7 +121,7 @@ def test_the_result_does_not_depend_on_how_samples_fall_into_blocks(
     bag, configuration, tmp_path, monkeypatch, cut
 ):
     replay(bag, configuration, tmp_path / 'one')
-    monkeypatch.setattr('sesa2.bags.replay.BLOCK', 7 - cut)
+    monkeypatch.setattr('sesa2.bags.reading.BLOCK', 7 - cut)
     replay(bag, configuration, tmp_path / 'two')
     topics = ('/pcc/markers', '/rigid/markers')
     for topic in topics:
@@ -197,6 +201,139 @@ def test_sweeps_without_an_imu_are_counted(configuration, tmp_path):
     )
 
 
+def record_arrivals(path, arrivals):
+    """A live recording: (when recorded, ns, message)."""
+    with new_bag(path) as writer:
+        topics = {m.topic: None for _, m in arrivals}
+        topics = {name: writer.add_topic(name, IMU_TYPE) for name in topics}
+        for log_ns, m in arrivals:
+            writer.write(topics[m.topic], log_ns, m.data)
+    return path
+
+
+def stamps_of(path, topic='/pcc/tip'):
+    return [m.header.stamp.sec * 10**9 + m.header.stamp.nanosec for t, _, m in read(path) if t == topic]
+
+
+def test_a_recording_that_begins_in_a_burst_gives_whole_sweeps(configuration, tmp_path):
+    made = make_samples(150)
+    late = START_NS + 1100 * 10**6
+    # The first second comes topic by topic once the link is there, then all goes on as it is measured.
+    first = sorted(made[: 100 * N_IMU], key=lambda m: m.topic)
+    arrivals = [(late + 10_000 * k, m) for k, m in enumerate(first)]
+    arrivals += [(max(m.stamp_ns + 10**6, late + 10**7 + k), m) for k, m in enumerate(made[100 * N_IMU :])]
+    summary = replay(record_arrivals(tmp_path / 'in', arrivals), configuration, tmp_path / 'out')
+    assert (summary.sweeps, summary.partial) == (150, 0)
+    assert summary.warnings == []
+    assert stamps_of(tmp_path / 'out') == [m.stamp_ns for m in made[N_IMU - 1 :: N_IMU]]
+    # And what it wrote is in order, and can be replayed once more.
+    again = replay(tmp_path / 'out', configuration, tmp_path / 'again')
+    assert (again.sweeps, again.partial) == (150, 0)
+    sweeps = read_sweeps(tmp_path / 'in', configuration)
+    assert len(sweeps.stamps_ns) == 150
+    assert sweeps.measured.all()
+    assert sweeps.problems == []
+
+
+def test_a_clock_of_its_own_is_named_with_its_lag(configuration, tmp_path):
+    made = make_samples(200)
+    lagging = [
+        (m.stamp_ns, m)
+        if m.topic != '/imu_2/data'
+        else (m.stamp_ns, m._replace(data=ImuMessages('imu_2').make(m.stamp_ns - 200_000_000, m.orientation)))
+        for m in made
+    ]
+    summary = replay(record_arrivals(tmp_path / 'in', lagging), configuration, tmp_path / 'out')
+    assert summary.lags == {2: pytest.approx(0.2)}
+    assert 'IMU 2: its stamps are 0.20 s behind those of the others: separate clocks?' in summary.warnings
+    assert summary.sweeps >= 198
+    assert summary.sweeps - summary.partial == pytest.approx(180, abs=2)
+    assert any(
+        'IMU 2: its stamps' in problem for problem in read_sweeps(tmp_path / 'in', configuration).problems
+    )
+
+
+def test_stamps_that_fall_by_decades_for_a_moment_are_left_out(configuration, tmp_path):
+    made = make_samples(300)
+    glitch = [
+        (m.stamp_ns, m)
+        if not 30 * N_IMU <= k < 50 * N_IMU
+        else (
+            m.stamp_ns,
+            m._replace(data=ImuMessages('').make(m.stamp_ns - 44 * 31_557_600 * 10**9, m.orientation)),
+        )
+        for k, m in enumerate(made)
+    ]
+    summary = replay(record_arrivals(tmp_path / 'in', glitch), configuration, tmp_path / 'out')
+    assert (summary.sweeps, summary.partial, summary.resets) == (280, 0, 0)
+    assert summary.warnings == ['60 samples not used: stamped 44 years before the rest']
+    assert summary.duration == pytest.approx(299 * PERIOD_NS / 1e9)
+    with open_recording(tmp_path / 'out') as recording:
+        times = [m.log_ns for m in recording.messages()]
+    assert times[0] == START_NS
+    assert times[-1] == made[-1].stamp_ns
+    assert sum(t.startswith('/imu_') for t, _, _ in read(tmp_path / 'out')) == 900  # nothing is lost
+
+
+def with_base(time_alignment='none', **imus):
+    """The small arm, with its third IMU on the clamp."""
+    return validate(
+        {
+            'arm': {'length': 0.3},
+            'imus': {'ids': [1, 2], 'positions': [0.1, 0.2], **imus},
+            'markers': {'names': ['M1', 'M2'], 'positions': [0.15, 0.3]},
+            'models': ['rigid', 'pcc'],
+            'time_alignment': time_alignment,
+        }
+    )
+
+
+def test_a_base_imu_that_dies_is_told_and_no_frozen_base(tmp_path):
+    c = with_base(base_id=3)
+    made = make_samples(300)
+    dying = [m for k, m in enumerate(made) if m.topic != '/imu_3/data' or k < 300 or k >= 750]
+    summary = replay(write(tmp_path / 'in', dying), c, tmp_path / 'out')
+    # 50 ms of its last orientation are the timeout; 150 sweeps in which it is silent.
+    assert summary.sweeps == pytest.approx(155, abs=1)
+    assert summary.silent_base == 3
+    assert 'IMU 3 on the base was silent; without it there is no shape' in summary.warnings
+    assert any('of a sweep without the orientation of the base' in w for w in summary.warnings)
+    stamps = np.array(stamps_of(tmp_path / 'out'))
+    assert np.diff(stamps).max() == pytest.approx(1.45e9, abs=2e7)
+
+
+@pytest.mark.parametrize('time_alignment', ['none', 'interpolate'])
+def test_a_base_imu_in_a_batch_is_that_of_each_sweep(tmp_path, time_alignment):
+    """Of a base that turns, against the estimator sweep by sweep and scipy."""
+    c = with_base(time_alignment, base_id=3, base_mount_orientation=[0.0, 0.6, 0.0, 0.8])
+    made = make_samples(60)
+    write(tmp_path / 'in', made)
+    sweeps = read_sweeps(tmp_path / 'in', c)
+    by_topic = {i: [m for m in made if m.topic == f'/imu_{i}/data'] for i in (1, 2, 3)}
+    mounting = Rotation.from_quat([0.0, 0.6, 0.0, 0.8])
+    for k in range(1, 60):
+        if time_alignment == 'none':
+            q = Rotation.from_quat(by_topic[3][k].orientation)
+        else:
+            at = by_topic[1][k].stamp_ns
+            there = [by_topic[3][k - 1], by_topic[3][k]]
+            times = np.array([m.stamp_ns - at for m in there], dtype=float)
+            q = Slerp(times, Rotation.from_quat([m.orientation for m in there]))(0.0)
+        assert (q * mounting.inv() * Rotation.from_quat(sweeps.base[k]).inv()).magnitude() < 1e-9
+    replay(tmp_path / 'in', c, tmp_path / 'out')
+    poses = read_poses(tmp_path / 'out', '/pcc/markers')
+    estimator = Estimator(c)
+    for k in range(60):
+        sweep = Sweep(
+            int(sweeps.stamps_ns[k]),
+            sweeps.orientations[k],
+            sweeps.measured[k],
+            (Rotation.from_quat(sweeps.base[k]) * mounting).as_quat(),
+        )
+        markers = estimator.estimate([sweep]).models['pcc'].markers[0]
+        np.testing.assert_allclose(poses.positions[k], markers, rtol=0, atol=1e-9)
+
+
 def test_some_of_the_imus(bag, configuration, tmp_path):
     imus = replace(configuration.imus, enabled=(True, False, True))
     replay(bag, replace(configuration, imus=imus), tmp_path / 'out')
@@ -247,14 +384,14 @@ def test_an_existing_bag_is_not_overwritten(bag, configuration, tmp_path):
 
 
 def test_progress(bag, configuration, tmp_path, monkeypatch):
-    monkeypatch.setattr('sesa2.bags.replay.BLOCK', 400)
+    monkeypatch.setattr('sesa2.bags.reading.BLOCK', 400)
     told = []
     replay(bag, configuration, tmp_path / 'out', progress=lambda done, total: told.append((done, total)))
     assert told == [(400, 900), (800, 900), (900, 900)]
 
 
 def test_memory_does_not_grow_with_the_recording(configuration, tmp_path, monkeypatch):
-    monkeypatch.setattr('sesa2.bags.replay.BLOCK', 128)
+    monkeypatch.setattr('sesa2.bags.reading.BLOCK', 128)
     monkeypatch.setattr('sesa2.bags.writing.CHUNK_SIZE', 50_000)
     peaks = []
     for n in (500, 2000):

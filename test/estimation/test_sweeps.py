@@ -1,11 +1,13 @@
-"""Sweeps from samples: whole ones, lost samples, unplugged IMUs, bad samples, clocks that jump."""
+"""Sweeps from samples: whole ones, lost samples, unplugged IMUs, bad samples, clocks that jump, bursts, lossy links."""
 
 import math
 
 import numpy as np
 import pytest
+from lossy_link import over_a_link
 
-from sesa2.estimation.sweeps import SweepAssembler
+from sesa2.estimation.sweeps import NO_BASE, WAITING_MAX, SweepAssembler
+from sesa2.estimation.time_steps import HELD_MAX
 from sesa2.shape.rotations import from_rotation_vector
 
 MS = 1_000_000
@@ -180,17 +182,308 @@ def test_interpolation_takes_all_to_the_first_stamp_and_latency_is_taken_off():
             np.testing.assert_allclose(sweep.orientations, np.tile(expected, (4, 1)), atol=1e-12)
 
 
-def test_the_base_imu_is_waited_for_and_held():
-    a = SweepAssembler([True], has_base=True)
+def test_the_base_imu_is_waited_for_and_held_within_the_timeout_and_no_longer():
+    a = SweepAssembler([True], has_base=True, timeout=0.05)
     assert feed(a, [(0, 10**12)]) == []
     [sweep] = a.add(1, 10**12 + MS, *turned(0.1))
     np.testing.assert_allclose(sweep.base, turned(0.1))
     silent = feed(a, [(0, 10**12 + k * 10 * MS) for k in range(1, 20)])
-    assert len(silent) > 5
-    np.testing.assert_allclose(silent[-1].base, turned(0.1))
+    # 10 to 50 ms after its last sample at 1 ms; then there is no shape, and each sample of the arm's IMU is counted.
+    assert [s.stamp_ns - 10**12 for s in silent] == [10 * MS, 20 * MS, 30 * MS, 40 * MS, 50 * MS]
+    np.testing.assert_allclose([s.base for s in silent], [turned(0.1)] * 5)
+    assert a.dropped == {NO_BASE: 14}
+    [again, *_] = a.add(1, 10**12 + 191 * MS, *turned(0.1)) + a.add(0, 10**12 + 200 * MS, *ONE) + a.flush()
+    assert again.stamp_ns > 10**12 + 190 * MS
 
 
 def test_no_shape_without_an_orientation_of_the_base():
     a = SweepAssembler([True], has_base=True)
     assert feed(a, [(0, 10**12 + k * 10 * MS) for k in range(1, 20)]) == []
     assert a.dropped['of a sweep without the orientation of the base'] > 0
+
+
+def live(assembler, arrivals, *, until=None):
+    """What a node gives that is told (arrival, IMU, stamp), and looks at the clock every 50 ms in between."""
+    out, looked = [], None
+    for now, i, stamp in arrivals:
+        looked = now if looked is None else looked
+        while looked + 50 * MS < now:
+            looked += 50 * MS
+            out += assembler.close_overdue(looked)
+        out += assembler.add(i, stamp, *ONE, now)
+    while until is not None and looked < until:
+        looked += 50 * MS
+        out += assembler.close_overdue(looked)
+    return out
+
+
+def stamps_of(sweeps):
+    return [s.stamp_ns for s in sweeps]
+
+
+def ends(samples, last=3):
+    """Stamps of whole sweeps: those of the IMU that is read last."""
+    return [t for i, t in samples if i == last]
+
+
+@pytest.mark.parametrize('patience', [None, 5.0])
+@pytest.mark.parametrize('between', [0, 20 * MS])
+def test_instants_that_arrive_topic_by_topic_give_as_many_whole_sweeps(between, patience):
+    samples = list(board(100, 8))
+    burst = sorted(samples)
+    now = 5 * 10**9
+    a = SweepAssembler([True] * 8, patience=patience)
+    sweeps = live(a, [(now + between * i + k, i, t) for k, (i, t) in enumerate(burst)])
+    assert stamps_of(sweeps) == ends(samples, 7)
+    assert all(s.measured.all() for s in sweeps)
+    assert not a.dropped
+
+
+def test_after_a_cut_of_seconds_all_are_whole():
+    samples = list(board(800, 8))
+    start, arrivals = samples[0][1], []
+    for i, t in samples:
+        cut = t - start >= 1000 * MS
+        # The link is back at 6 s and carries what it kept, topic by topic, within 400 ms.
+        arrivals.append(
+            (max(t + MS, start + 6001 * MS + 50 * MS * i + (t - start) // 1000) if cut else t + MS, i, t)
+        )
+    a = SweepAssembler([True] * 8)
+    sweeps = live(a, sorted(arrivals))
+    assert stamps_of(sweeps) == ends(samples, 7)
+    assert all(s.measured.all() for s in sweeps)
+
+
+def test_an_imu_that_dies_costs_a_pause_and_no_sweep():
+    samples = list(board(400, 4))
+    start = samples[0][1]
+    there = [(t + MS, i, t) for i, t in samples if not (i == 2 and t - start >= 2000 * MS)]
+    a = SweepAssembler([True] * 4)
+    given = []
+    for now, i, t in there:
+        given += [(now, s) for s in a.add(i, t, *ONE, now)]
+    assert stamps_of(s for _, s in given) == ends(samples)
+    assert all(s.measured[2] == (s.stamp_ns - start < 2000 * MS) for _, s in given)
+    late = [now - s.stamp_ns for now, s in given]
+    assert max(late) < 1100 * MS
+    assert max(late[-50:]) <= 11 * MS  # it is not waited for any more
+    assert a.alive == [True, True, False, True]
+
+
+def test_on_a_link_that_has_long_been_well_the_pause_is_short():
+    samples = list(board(3000, 4))
+    start = samples[0][1]
+    a = SweepAssembler([True] * 4)
+    given = []
+    for i, t in samples:
+        if not (i == 2 and t - start >= 25_000 * MS):
+            given += [(t, s) for s in a.add(i, t, *ONE, t)]
+    assert max(now - s.stamp_ns for now, s in given) < 330 * MS
+    assert len(given) == 3000
+
+
+def test_all_that_fall_silent_but_one_are_given_up_by_the_clock_without_a_further_sample():
+    a = SweepAssembler([True] * 2)
+    burst = [(10**9 + k, 0, k * 10 * MS + 10**12) for k in range(50)]
+    assert live(a, burst) == []
+    sweeps = live(a, [], until=None) + [s for k in range(40) for s in a.close_overdue(10**9 + 50 * MS * k)]
+    assert stamps_of(sweeps) == [t for _, _, t in burst]
+
+
+def test_a_silence_shorter_than_the_patience_costs_no_sweep_either():
+    samples = list(board(100, 4))
+    start = samples[0][1]
+    there = [(t, i, t) for i, t in samples if not (i == 1 and 300 * MS <= t - start < 500 * MS)]
+    a = SweepAssembler([True] * 4)
+    sweeps = live(a, there)
+    assert stamps_of(sweeps) == ends(samples)
+    missing = [s.stamp_ns - start for s in sweeps if not s.measured.all()]
+    assert len(missing) == 20
+    assert 300 * MS <= min(missing) < max(missing) < 500 * MS
+
+
+def test_an_imu_that_says_that_it_has_not_measured_is_not_waited_for_by_the_clock():
+    samples = list(board(100, 4))
+    a = SweepAssembler([True] * 4)
+    late = []
+    for k, (i, t) in enumerate(samples):
+        q = (0.0, 0.0, 0.0, 0.0) if i == 2 and k > 200 else ONE
+        late += [t - s.stamp_ns for s in a.add(i, t, *q, t)]
+    assert len(late) == 100
+    assert max(late) <= 70 * MS
+
+
+@pytest.mark.parametrize('delay', [5, 50])
+@pytest.mark.parametrize('loss', [0.02, 0.2])
+def test_over_a_lossy_link_with_repetition_all_are_whole_and_in_order(loss, delay):
+    samples = list(board(3000, 8))
+    arrivals = over_a_link(samples, loss=loss, delay_ns=delay * MS, seed=int(1000 * loss) + delay)
+    a = SweepAssembler([True] * 8)
+    sweeps = live(a, arrivals)
+    stamps = np.array(stamps_of(sweeps))
+    assert (np.diff(stamps) > 0).all()
+    assert all(s.measured.all() for s in sweeps)
+    assert stamps.tolist() == ends(samples, 7)[: len(stamps)]
+    assert len(stamps) > 2900
+
+
+def test_over_a_link_that_loses_for_good_none_is_out_of_order_or_lacks_an_imu():
+    rng = np.random.default_rng(4)
+    samples = [s for s in board(1000, 8) if rng.random() > 0.02]
+    late = rng.integers(0, 5 * MS, size=8)
+    a = SweepAssembler([True] * 8)
+    sweeps = live(a, sorted((t + late[i], i, t) for i, t in samples))
+    assert (np.diff(stamps_of(sweeps)) > 0).all()
+    assert all(s.measured.all() for s in sweeps)
+    assert 0.8 * 1000 < len(sweeps) < 0.9 * 1000  # 0.98⁸ = 0.85
+    assert a.dropped['of a sweep that was not whole'] > 0
+
+
+def test_what_comes_after_its_sweep_was_given_is_counted_and_the_imu_lives_again():
+    samples = list(board(600, 4))
+    start = samples[0][1]
+    held_up = [
+        (
+            t
+            if i != 3 or not 2000 * MS <= t - start < 4000 * MS
+            else start + 4000 * MS + (t - start) // 10**6,
+            i,
+            t,
+        )
+        for i, t in samples
+    ]
+    a = SweepAssembler([True] * 4)
+    sweeps = live(a, sorted(held_up))
+    assert (np.diff(stamps_of(sweeps)) > 0).all()
+    late = a.dropped['later than its sweep could wait']
+    assert 0 < late <= sum(not s.measured[3] for s in sweeps) <= late + 1
+    assert len(sweeps) == 600
+    assert sweeps[-1].measured.all()
+
+
+@pytest.mark.parametrize('lag', [200, -200])
+def test_an_imu_with_a_clock_of_its_own_is_waited_for_and_told(lag):
+    samples = [(t, i, t - lag * MS if i == 2 else t) for i, t in board(500, 4)]
+    a = SweepAssembler([True] * 4)
+    sweeps = live(a, samples)
+    assert len(sweeps) >= 475
+    assert all(s.measured.all() for s in sweeps[20:])
+    assert list(a.arrivals.lags) == [2]
+    assert a.arrivals.lags[2] == pytest.approx(lag / 1000, abs=1e-6)
+
+
+def test_a_glitch_of_all_clocks_by_years_is_left_out():
+    samples = list(board(300, 4))
+    start = samples[0][1]
+    years = 44 * 365 * 86_400 * 10**9
+
+    def glitching(t):
+        return t - years if 1000 * MS <= t - start < 1200 * MS else t
+
+    a = SweepAssembler([True] * 4)
+    sweeps = live(a, [(t, i, glitching(t)) for i, t in samples])
+    assert stamps_of(sweeps) == [t for t in ends(samples) if glitching(t) == t]
+    assert all(s.measured.all() for s in sweeps)
+    assert a.dropped == {'stamped 44 years before the rest': 80}
+    assert a.resets == 0
+
+
+@pytest.mark.parametrize('step', [-44 * 365 * 86_400 * 10**9, -30 * 10**9, 30 * 10**9, 1000 * 10**9])
+@pytest.mark.parametrize('when', [0, 1000])
+def test_a_glitch_of_one_clock_costs_its_own_samples(step, when):
+    """Also at the very start, when nobody knows yet which of the stamps is right."""
+    samples = list(board(300, 4))
+    start = samples[0][1]
+    a = SweepAssembler([True] * 4)
+    glitching = [
+        (t, i, t + step if i == 0 and when * MS <= t - start < (when + 100) * MS else t) for i, t in samples
+    ]
+    sweeps = live(a, glitching)
+    assert (np.diff(stamps_of(sweeps)) > 0).all()
+    assert set(stamps_of(sweeps)) <= {t for _, t in samples}
+    assert sum(s.measured.all() for s in sweeps) >= 280
+    assert a.resets == 0
+    assert sum(n for reason, n in a.dropped.items() if 'the rest' in reason) == 10
+
+
+def test_a_clock_that_stays_in_another_time_is_told_and_nothing_grows():
+    a = SweepAssembler([True] * 4)
+    samples = ((t, i, t - 60 * 10**9 if i == 1 and t > 10**12 + 10**9 else t) for i, t in board(20_000, 4))
+    sweeps = live(a, samples)
+    assert len(sweeps) == pytest.approx(20_000, abs=2)
+    assert a.arrivals.lags[1] == pytest.approx(60.0)
+    assert sum(a.dropped.values()) == pytest.approx(19_900, abs=HELD_MAX)
+
+
+def test_a_bag_that_loops_resets_and_every_round_is_whole():
+    a = SweepAssembler([True] * 4)
+    samples = list(board(150, 4))
+    now = 10**9
+    out = []
+    for k in range(20):
+        out += live(a, [(now + k * 1500 * MS + t - samples[0][1], i, t) for i, t in samples])
+    # The last sweep of a round needs nothing of the next.
+    assert stamps_of(out) == 20 * ends(samples)
+    assert all(s.measured.all() for s in out)
+    assert a.resets == 19
+    assert not a.dropped
+
+
+def test_a_loop_in_bursts_topic_by_topic():
+    a = SweepAssembler([True] * 4)
+    samples = sorted(board(150, 4))
+    out = []
+    for k in range(3):
+        out += live(a, [(10**9 + k * 1500 * MS + n, i, t) for n, (i, t) in enumerate(samples)])
+    assert stamps_of(out) == 3 * ends(samples)
+    assert all(s.measured.all() for s in out)
+
+
+def test_a_pause_of_all_for_a_minute_is_no_glitch():
+    samples = [*board(100, 4), *board(100, 4, start=1_060_000 * MS)]
+    a = SweepAssembler([True] * 4)
+    sweeps = live(a, [(t, i, t) for i, t in samples])
+    assert stamps_of(sweeps) == ends(samples)
+    assert not a.dropped
+    assert a.resets == 0
+
+
+def test_one_imu_that_runs_on_alone_fills_no_memory():
+    """By a clock that stands still, as in a recording without times."""
+    a = SweepAssembler([True] * 2)
+    n = sum(len(a.add(0, 10**12 + k * MS, *ONE, 0)) for k in range(WAITING_MAX + 100))
+    assert n == WAITING_MAX + 100
+
+
+def test_topics_that_are_connected_one_after_another_give_whole_sweeps_from_the_start():
+    samples = list(board(100, 4))
+    start = samples[0][1]
+    a = SweepAssembler([True] * 4)
+    sweeps = live(a, [(t, i, t) for i, t in samples if t - start >= 150 * MS * i])
+    assert stamps_of(sweeps) == ends(samples)[45:]
+    assert all(s.measured.all() for s in sweeps)
+    assert a.dropped['before there were samples of all'] > 0
+
+
+@pytest.mark.parametrize('seed', range(30))
+def test_whatever_happens_sweeps_leave_in_order_and_every_sample_is_told(seed):
+    """Random loss, delay, silence and order; offline, with the whole patience, nothing that was measured is late."""
+    rng = np.random.default_rng(seed)
+    samples = [s for s in board(300, 4) if rng.random() > 0.03]
+    start = samples[0][1]
+    for _ in range(3):
+        who, begin, length = rng.integers(4), rng.integers(2500), rng.integers(1, 500)
+        samples = [
+            (i, t) for i, t in samples if i != who or not begin * MS <= t - start < (begin + length) * MS
+        ]
+    arrivals = over_a_link(samples, loss=0.1, delay_ns=20 * MS, seed=seed)
+    for patience in (None, 5.0):
+        a = SweepAssembler([True] * 4, patience=patience)
+        sweeps = live(a, arrivals)
+        sweeps += a.flush()
+        assert (np.diff(stamps_of(sweeps)) > 0).all()
+    assert not a.dropped['later than its sweep could wait']
+    in_order = SweepAssembler([True] * 4, patience=5.0)
+    expected = live(in_order, [(t, i, t) for i, t in samples]) + in_order.flush()
+    assert stamps_of(sweeps) == stamps_of(expected)
+    np.testing.assert_array_equal([s.measured for s in sweeps], [s.measured for s in expected])

@@ -1,6 +1,7 @@
 """The estimator node on a real graph: what goes in as messages comes out as the arm's shape."""
 
 import itertools
+import time
 
 import numpy as np
 import pytest
@@ -113,7 +114,8 @@ def test_an_imu_that_falls_silent_is_interpolated_and_shown(graph, configured):
     sensors = Sensors(graph, (2, 5))
     straight = [0.6, 0.0, 0.0, 0.8]
     sensors.say(2, T0, straight)
-    # Nothing follows that would show by its stamp that time passes: the node's own clock has to.
+    sensors.say(2, T0 + 400 * MS, straight)
+    # By the stamps IMU 5 is silent; that it is not merely late, the node's own clock has to show.
     graph.until(lambda: tips, 'a result without IMU 5')
     np.testing.assert_allclose(xyz(tips[0].pose.position), [0.0, 0.0, 0.3], atol=1e-12)
 
@@ -305,3 +307,125 @@ def test_align_headings_takes_a_turn_about_the_straight_arm_as_heading(graph, no
     assert answer.success, answer.message
     assert '+30.0° (IMU 5)' in answer.message
     np.testing.assert_allclose(np.rad2deg(node.configuration.headings), [0.0, 30.0], atol=1e-6)
+
+
+def burst(sensors, ids, instants, q=(0.6, 0.0, 0.0, 0.8)):
+    """Instants, in 10 ms, topic by topic, as a network delivers them that repeats what it lost."""
+    for n, imu in enumerate(ids):
+        for k in instants:
+            sensors.say(imu, T0 + 10 * k * MS + n * MS, q)
+
+
+def test_instants_that_arrive_topic_by_topic_give_as_many_results(graph, configured):
+    node = graph.add(EstimatorNode(parameter_overrides=configured({**VALUES, 'sweep_timeout': 0.05})))
+    tips = graph.listen(PoseStamped, 'pcc/tip', STREAM)
+    sensors = Sensors(graph, (2, 5))
+    burst(sensors, (2, 5), range(100))
+    graph.until(lambda: len(tips) == 100, '100 results')
+    assert [stamp(t.header) for t in tips] == [T0 + (10 * k + 1) * MS for k in range(100)]
+    assert node.assembler.alive == [True, True]
+    assert not node.assembler.dropped
+    # And further on, the other topic first.
+    burst(sensors, (5, 2), range(101, 180))
+    graph.until(lambda: len(tips) == 179, '79 results more')
+    assert not node.assembler.dropped
+
+
+def test_an_imu_that_dies_costs_no_sweep_and_comes_back(graph, configured):
+    node = graph.add(EstimatorNode(parameter_overrides=configured({**VALUES, 'sweep_timeout': 0.05})))
+    tips = graph.listen(PoseStamped, 'pcc/tip', STREAM)
+    sensors = Sensors(graph, (2, 5))
+    burst(sensors, (2, 5), range(20))
+    burst(sensors, (2,), range(20, 80))
+    graph.until(lambda: len(tips) == 80, 'results without IMU 5')
+    assert node.assembler.alive == [True, False]
+    burst(sensors, (2, 5), range(80, 90))
+    graph.until(lambda: len(tips) == 90, 'results with it')
+    stamps = [stamp(t.header) for t in tips]
+    assert stamps == sorted(set(stamps))
+    assert node.assembler.alive == [True, True]
+
+
+def test_a_node_that_was_held_up_takes_no_imu_for_dead(graph, configured):
+    """What arrives while it does not listen waits in its queues; its clock must not run meanwhile."""
+    node = graph.add(EstimatorNode(parameter_overrides=configured({**VALUES, 'sweep_timeout': 0.05})))
+    tips = graph.listen(PoseStamped, 'pcc/tip', STREAM)
+    sensors = Sensors(graph, (2, 5))
+    burst(sensors, (2, 5), range(10))
+    graph.until(lambda: len(tips) == 10, 'results')
+    # As if the clock had gone on by a minute without a look at it.
+    node._looked_ns -= 60 * 10**9
+    burst(sensors, (2, 5), range(10, 60))
+    graph.until(lambda: len(tips) == 60, 'results after it')
+    assert not node.assembler.dropped
+
+
+def test_after_a_step_back_of_the_stamps_nothing_old_is_kept_and_align_works(graph, configured):
+    node = graph.add(EstimatorNode(parameter_overrides=configured({**VALUES, 'sweep_timeout': 0.05})))
+    tips = graph.listen(PoseStamped, 'pcc/tip', STREAM)
+    sensors = Sensors(graph, (2, 5))
+    tilted = multiply(from_rotation_vector([0.0, np.deg2rad(10.0), 0.0]), [0.6, 0.0, 0.0, 0.8])
+    for _ in range(3):  # a bag that loops
+        n = len(tips)
+        burst(sensors, (2, 5), range(250, 290), tilted)
+        graph.until(lambda n=n: len(tips) == n + 40, 'results')
+        burst(sensors, (2, 5), range(40))
+        graph.until(lambda n=n: len(tips) == n + 80, 'results after the step')
+        assert len(node._recent) <= 301
+    assert [sweep.stamp_ns for sweep in node._recent] == [T0 + (10 * k + 1) * MS for k in range(40)]
+    answer = graph.call(Trigger, 'estimator/align', Trigger.Request())
+    assert answer.success, answer.message
+    assert '0.0° (IMU 2), 0.0° (IMU 5)' in answer.message
+
+
+def test_a_silent_imu_on_the_base_is_an_error_and_no_frozen_base(graph, configured):
+    values = {**VALUES, 'sweep_timeout': 0.05, 'imus': {**VALUES['imus'], 'base_id': 1}}
+    graph.add(EstimatorNode(parameter_overrides=configured(values)))
+    tips = graph.listen(PoseStamped, 'pcc/tip', STREAM)
+    diagnosis = graph.diagnosis()
+    sensors = Sensors(graph, (1, 2, 5))
+    burst(sensors, (1, 2, 5), range(20))
+    burst(sensors, (2, 5), range(20, 100))
+    # Within the timeout the base's last orientation holds.
+    graph.until(
+        lambda: (diagnosis.latest('estimator: imu_1') or (b'',))[0] == DiagnosticStatus.ERROR,
+        'an error about it',
+    )
+    assert 'on the base' in diagnosis.latest('estimator: imu_1')[1]
+    graph.until(
+        lambda: 'IMU 1 on the base is silent' in diagnosis.latest('estimator: sweeps')[1],
+        'an error about the shape',
+    )
+    assert diagnosis.latest('estimator: sweeps')[0] == DiagnosticStatus.ERROR
+    graph.until(
+        lambda: (
+            'dropped: of a sweep without the orientation of the base'
+            in diagnosis.latest('estimator: sweeps')[2]
+        ),
+        'their number',
+    )
+    assert 20 <= len(tips) <= 25
+    burst(sensors, (1, 2, 5), range(100, 120))
+    n = len(tips)
+    graph.until(lambda: len(tips) == n + 20, 'results with the base again')
+
+
+def test_an_imu_with_a_clock_of_its_own_is_named_with_its_lag(graph, configured):
+    graph.add(EstimatorNode(parameter_overrides=configured({**VALUES, 'sweep_timeout': 0.05})))
+    diagnosis = graph.diagnosis()
+    sensors = Sensors(graph, (2, 5))
+    began = time.monotonic_ns()
+
+    def lag():
+        """At its own pace: lags show against the clock."""
+        now = T0 + time.monotonic_ns() - began
+        sensors.say(2, now, [0.6, 0.0, 0.0, 0.8])
+        sensors.say(5, now - 200 * MS, [0.6, 0.0, 0.0, 0.8])
+        return [m for _, m, _ in diagnosis.of('estimator: imu_5') if 'behind' in m]
+
+    said = graph.until(lag, 'a warning about its lag')
+    assert 'its stamps are 0.20 s behind those of the others' in said[0]
+    assert DiagnosticStatus.WARN in [
+        level for level, m, _ in diagnosis.of('estimator: imu_5') if 'behind' in m
+    ]
+    assert not [m for _, m, _ in diagnosis.of('estimator: imu_2') if 'behind' in m or 'ahead' in m]
