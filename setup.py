@@ -33,10 +33,18 @@ setup(
     ],
     extras_require={
         'ros': ROS,
+        'mocap': ['ezc3d>=1.5.16'],
         'report': ['matplotlib>=3.8'],
         'viewer': ['viser>=1.1,<2'],
         'sim': ['pyelastica>=1.0', 'scipy>=1.11'],
-        'test': ['pytest>=8', 'hypothesis>=6.100', 'scipy>=1.11', 'playwright>=1.40', 'yourdfpy>=0.0.56'],
+        'test': [
+            'pytest>=8',
+            'hypothesis>=6.100',
+            'scipy>=1.11',
+            'c3d>=0.5',
+            'playwright>=1.40',
+            'yourdfpy>=0.0.56',
+        ],
         'lint': ['ruff>=0.8', 'mypy>=1.13', 'import-linter>=2.1', 'types-PyYAML', 'types-pyserial'],
     },
     data_files=[

@@ -252,7 +252,7 @@ def test_bags_of_one_name_are_told_apart(tmp_path, turned_base, capsys, monkeypa
     printed = capsys.readouterr()
     assert list(json.loads(printed.out)) == ['base/estimate', 'world/estimate']
     assert list(json.loads(printed.out)['base/estimate']['models']['pcc']) == ['A']
-    assert 'base/estimate: TRUTH.CSV: B has no columns and is not evaluated' in printed.err
+    assert 'base/estimate: TRUTH.CSV: B is not in it and is not evaluated; there are A' in printed.err
     monkeypatch.chdir(one)
     assert main(['evaluate', '.', *arguments]) == 0
     assert capsys.readouterr().out.startswith('estimate: time offset +0.0 ms')

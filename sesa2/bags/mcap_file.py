@@ -25,6 +25,8 @@ from mcap.records import (
     SummaryOffset,
 )
 
+from sesa2.bags.chunk_index_file import ChunkIndexFile
+
 MAGIC = b'\x89MCAP0\r\n'
 # Opcode, length, channel, sequence, time of the recording and of publishing; then the message.
 _MESSAGE = np.dtype(
@@ -56,6 +58,8 @@ class McapFile:
         open for writing; the caller closes it.
     chunk_size
         of messages that are compressed together, bytes.
+    indices
+        keeps where each chunk is until the end.
 
     Raises
     ------
@@ -63,7 +67,7 @@ class McapFile:
         by every method, where the file cannot be written.
     """
 
-    def __init__(self, file: IO[bytes], chunk_size: int):
+    def __init__(self, file: IO[bytes], chunk_size: int, indices: ChunkIndexFile):
         self._file = file
         self._chunk_size = chunk_size
         self._schemas: list[Schema] = []
@@ -74,7 +78,7 @@ class McapFile:
         self._publish_ns: list[int] = []
         self._data: list[bytes] = []
         self._size = 0
-        self._indices: list[ChunkIndex] = []
+        self._indices = indices
         self._counts: dict[int, int] = {}
         self._at = 0
         self._put(MAGIC + _bytes_of(Header('ros2', 'sesa2')))

@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sesa2.bags.captured_bodies import add_captured_imus
 from sesa2.bags.definitions import POSE_ARRAY, STRING, deserialise
 from sesa2.bags.recording import Recording, open_recording
 from sesa2.bags.topics import imu_topic
@@ -101,6 +102,8 @@ class ImuRecording:
 
     def __init__(self, recording: Recording):
         self._recording = recording
+        if not any(imu_topic(name, topic.type) for name, topic in recording.topics.items()):
+            add_captured_imus(recording)
         by_namespace: dict[str, dict[str, int]] = defaultdict(dict)
         for name, topic in recording.topics.items():
             imu = imu_topic(name, topic.type)
@@ -205,20 +208,20 @@ def read_poses(path: str | Path, topic: str) -> Poses:
                 f'{path}: expected a topic {name} of {POSE_ARRAY}, {got}; of this type are: {arrays or "none"}'
             )
         times: list[int] = []
-        positions: list[list[tuple[float, float, float]]] = []
+        positions: list[FloatArray] = []
         frame = ''
         for message in recording.messages([name]):
             try:
-                array = deserialise(message.data, POSE_ARRAY)
-            except Exception:  # cut bytes make its parser stumble in any way
+                stamp_ns, array = poses.read_pose_array(message.data)
+                if not times:
+                    frame = deserialise(message.data, POSE_ARRAY).header.frame_id
+            except Exception:  # cut bytes make a parser stumble in any way
                 raise Sesa2Error(f'{path}: message {len(times)} of {name} is no {POSE_ARRAY}') from None
-            stamp = array.header.stamp
-            times.append(stamp.sec * NS + stamp.nanosec or message.log_ns)
-            positions.append([(p.position.x, p.position.y, p.position.z) for p in array.poses])
-            frame = array.header.frame_id
-            if len(array.poses) != len(positions[0]):
+            times.append(stamp_ns or message.log_ns)
+            positions.append(array[:, :3])
+            if len(array) != len(positions[0]):
                 raise Sesa2Error(
-                    f'{path}: message {len(times) - 1} of {name} has {len(array.poses)} poses, '
+                    f'{path}: message {len(times) - 1} of {name} has {len(array)} poses, '
                     f'the first one {len(positions[0])}'
                 )
     if not times:

@@ -9,13 +9,14 @@ import yaml
 from mcap.summary import Summary
 from rosbags.rosbag2 import Reader
 
+from sesa2.bags.captured_imus import CapturedImus
 from sesa2.bags.mcap_index import indexed_messages, read_index
-from sesa2.bags.orientations_csv import OrientationsCsv
 from sesa2.bags.predecessor import PredecessorBag
 from sesa2.bags.topics import Message, Part, RecordedTopic, is_latched
 from sesa2.bags.unfinished import UnfinishedMcap
 from sesa2.errors import Sesa2Error
 from sesa2.messages.topic_names import absolute
+from sesa2.mocap.formats import read_motion_capture
 
 
 class Recording:
@@ -35,9 +36,17 @@ class Recording:
         self._problems = problems
         self.topics: dict[str, RecordedTopic] = {}
         for part in parts:
-            for name, topic in part.topics.items():
-                before = self.topics[name].count if name in self.topics else 0
-                self.topics[name] = replace(topic, count=topic.count + before)
+            self._add_topics(part)
+
+    def add(self, part: Part) -> None:
+        """Take up a further part."""
+        self._parts.append(part)
+        self._add_topics(part)
+
+    def _add_topics(self, part: Part) -> None:
+        for name, topic in part.topics.items():
+            before = self.topics[name].count if name in self.topics else 0
+            self.topics[name] = replace(topic, count=topic.count + before)
 
     @property
     def problems(self) -> list[str]:
@@ -74,7 +83,8 @@ def open_recording(path: str | Path, first_id: int | None = None) -> Recording:
     Parameters
     ----------
     path
-        a rosbag2 folder, one file of it (.mcap, .db3), a bag of the ROS 1 predecessor (.bag), or orientations (.csv).
+        a rosbag2 folder, one file of it (.mcap, .db3), a bag of the ROS 1 predecessor (.bag), or what a motion
+        capture system exported (`mocap.formats`).
     first_id
         for the predecessor's: the ID in the bag that is our IMU 1; the lowest in the bag where it is None.
 
@@ -121,10 +131,8 @@ def _number_in_name(path: Path) -> tuple[int, str]:
 def _open_file(path: Path, first_id: int | None = None) -> Part:
     if path.suffix == '.bag':
         return PredecessorBag(path, first_id)
-    if path.suffix.lower() == '.csv':
-        return OrientationsCsv(path)
     if path.suffix not in ('.mcap', '.db3'):
-        raise Sesa2Error(f'{path}: not a recording, expected a rosbag2 folder, .mcap, .db3, .bag or .csv')
+        return CapturedImus(path, read_motion_capture(path))
     try:
         return _Rosbag2(path)
     except _RefusedError as refused:
@@ -172,7 +180,7 @@ class _Rosbag2:
             name = self._names[connection.id]
             count = connection.msgcount + (self.topics[name].count if name in self.topics else 0)
             latched = is_latched(getattr(connection.ext, 'offered_qos_profiles', ()))
-            self.topics[name] = RecordedTopic(connection.msgtype, count, latched)
+            self.topics[name] = RecordedTopic(connection.msgtype, count, latched, connection.msgdef.data)
 
     def messages(self, topics: Collection[str]) -> Iterator[Message]:
         wanted = [c for c in self._reader.connections if self._names[c.id] in topics]

@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Collection, Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple, Protocol
 
 from rosbags.interfaces import Qos, QosDurability
@@ -21,11 +21,12 @@ class Message(NamedTuple):
 
 @dataclass(frozen=True)
 class RecordedTopic:
-    """Type and number of messages; latched: a late subscriber is given the last one."""
+    """Type and number of messages; latched: a late subscriber is given the last one; the type's text where known."""
 
     type: str
     count: int
     latched: bool = False
+    definition: str = field(default='', compare=False, repr=False)
 
 
 class Part(Protocol):

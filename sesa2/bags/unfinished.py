@@ -52,7 +52,7 @@ class UnfinishedMcap:
 
     def _messages(self, topics: dict[str, RecordedTopic], problems: list[str]) -> Iterator[Message]:
         """All messages; notes the topics, and what is not whole."""
-        schemas: dict[int, str] = {}
+        schemas: dict[int, Schema] = {}
         channels: dict[int, tuple[str, str]] = {}
         size = self._path.stat().st_size
         whole = 0
@@ -65,7 +65,7 @@ class UnfinishedMcap:
                     if isinstance(record, McapMessage):
                         message = Message(*channels[record.channel_id], record.log_time, record.data)
                     elif isinstance(record, Schema):
-                        schemas[record.id] = record.name
+                        schemas[record.id] = record
                     elif isinstance(record, Channel):
                         channels[record.id] = self._channel(record, schemas, topics)
                 except Sesa2Error:
@@ -81,16 +81,17 @@ class UnfinishedMcap:
                 whole = file.tell()
 
     def _channel(
-        self, channel: Channel, schemas: dict[int, str], topics: dict[str, RecordedTopic]
+        self, channel: Channel, schemas: dict[int, Schema], topics: dict[str, RecordedTopic]
     ) -> tuple[str, str]:
         """Note a topic; its name and type."""
-        name, type_name = absolute(channel.topic), schemas[channel.schema_id]
+        schema = schemas[channel.schema_id]
+        name, type_name = absolute(channel.topic), schema.name
         if channel.message_encoding != 'cdr':
             raise Sesa2Error(
                 f'{self._path}: {name} is encoded as {channel.message_encoding!r}, expected cdr (ROS 2)'
             )
         qos = parse_qos(channel.metadata.get('offered_qos_profiles', ''))
-        topics[name] = RecordedTopic(type_name, 0, is_latched(qos))
+        topics[name] = RecordedTopic(type_name, 0, is_latched(qos), schema.data.decode(errors='replace'))
         return name, type_name
 
     def close(self) -> None:

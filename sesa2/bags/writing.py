@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 
 import yaml
 
+from sesa2.bags.chunk_index_file import ChunkIndexFile
 from sesa2.bags.definitions import definition
 from sesa2.bags.mcap_file import McapFile
 from sesa2.errors import Sesa2Error
@@ -69,11 +70,12 @@ class BagWriter:
         self._first_ns, self._last_ns = _NEVER, 0
         try:
             self._file = (folder / self._file_name).open('wb')
+            self._chunk_indexes = ChunkIndexFile(folder)
         except OSError as error:
             raise _not_written(folder, error) from None
         try:
             # LZ4 makes files a fifth larger than Zstandard does, and takes hardly more time than no compression.
-            self._mcap = McapFile(self._file, CHUNK_SIZE)
+            self._mcap = McapFile(self._file, CHUNK_SIZE, self._chunk_indexes)
         except OSError as error:
             raise self._failure(error) from None
 
@@ -170,14 +172,16 @@ class BagWriter:
             self._file.flush()
             os.fsync(self._file.fileno())
             self._file.close()
+            self._chunk_indexes.close()
             (self.path / 'metadata.yaml').write_text(self._metadata(), encoding='utf-8')
         except OSError as error:
             raise self._failure(error) from None
 
     def abandon(self) -> None:
         """Close the file as it is."""
-        with suppress(OSError):  # closing tries once more to write what is buffered
-            self._file.close()
+        for file in (self._file, self._chunk_indexes):
+            with suppress(OSError):  # closing tries once more to write what is buffered
+                file.close()
 
     def _failure(self, error: OSError) -> Sesa2Error:
         self.abandon()

@@ -6,7 +6,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from sesa2.commands.arguments import names, not_negative, warn
+from sesa2.commands.arguments import names, not_negative, positive, warn
 from sesa2.configuration.description import table
 from sesa2.errors import Sesa2Error
 from sesa2.evaluation.evaluate import Evaluation
@@ -21,10 +21,26 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         'estimates', metavar='EST', nargs='+', type=Path, help='bags that `replay` or the recorder wrote'
     )
     parser.add_argument(
-        '--truth', required=True, type=Path, metavar='T', help='CSV of marker positions, or a bag'
+        '--truth',
+        required=True,
+        type=Path,
+        metavar='T',
+        help='marker positions: a bag, or an export of motion capture',
     )
     parser.add_argument(
-        '--truth-topic', default=TRUTH_MARKERS, help=f'PoseArray in a bag (default: {TRUTH_MARKERS})'
+        '--truth-topic', metavar='TOPIC', help=f'in a bag (default: {TRUTH_MARKERS}, or what has poses)'
+    )
+    parser.add_argument(
+        '--marker',
+        action='append',
+        default=[],
+        type=_renamed,
+        metavar='M1=NAME',
+        dest='markers',
+        help="a marker's name in the truth, where it differs; once a marker",
+    )
+    parser.add_argument(
+        '--truth-rate', type=positive, metavar='HZ', help='of its frames, where a truth counts them alone'
     )
     parser.add_argument('--models', type=names, metavar='A,B', help='only these models')
     parser.add_argument(
@@ -54,6 +70,8 @@ def run(options: argparse.Namespace) -> int:
             path,
             options.truth,
             truth_topic=options.truth_topic,
+            markers=dict(options.markers),
+            truth_rate=options.truth_rate,
             models=options.models,
             register=options.register,
             fit_fraction=options.fit_fraction,
@@ -84,6 +102,13 @@ def _offset(text: str) -> float | None:
         return float(text)
     except ValueError:
         raise argparse.ArgumentTypeError(f'got {text!r}, expected auto or a number of seconds') from None
+
+
+def _renamed(text: str) -> tuple[str, str]:
+    ours, equals, theirs = text.partition('=')
+    if not (ours and equals and theirs):
+        raise argparse.ArgumentTypeError(f'got {text!r}, expected MARKER=NAME, such as M1=Arm:tip')
+    return ours, theirs
 
 
 def _labels(paths: Sequence[Path]) -> list[str]:

@@ -1,6 +1,6 @@
 """A bag of estimates against a recording of the truth: what `sesa2 evaluate` does, as a function."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
@@ -14,8 +14,8 @@ from sesa2.evaluation.drawn_pose import DrawnPose
 from sesa2.evaluation.evaluate import Evaluation, evaluate
 from sesa2.evaluation.registration import Kind
 from sesa2.evaluation.trajectory import Trajectory
-from sesa2.evaluation.truth import read_csv
-from sesa2.messages.topic_names import TRUTH_MARKERS, of_model
+from sesa2.evaluation.truth import read_truth
+from sesa2.messages.topic_names import of_model
 from sesa2.shape.rotations import FloatArray, conjugate, rotate
 
 
@@ -23,7 +23,9 @@ def evaluate_bag(
     estimate: str | Path,
     truth: str | Path,
     *,
-    truth_topic: str = TRUTH_MARKERS,
+    truth_topic: str | None = None,
+    markers: Mapping[str, str] | None = None,
+    truth_rate: float | None = None,
     models: Sequence[str] | None = None,
     register: Kind = 'none',
     fit_fraction: float = 0.5,
@@ -36,9 +38,13 @@ def evaluate_bag(
     estimate
         a bag that `replay` or the recorder wrote; its configuration says which markers there are, and where.
     truth
-        marker positions: a CSV file, or a bag.
+        marker positions: a bag, or a file that a motion capture system exported.
     truth_topic
-        the PoseArray in a bag.
+        where in a bag they are; found where it is None.
+    markers
+        our name of a marker → its name in the truth, where the two differ.
+    truth_rate
+        of the truth's frames, Hz, where it counts them and does not say how fast.
     models
         names of models; all of the bag's configuration where it is None.
     register
@@ -59,8 +65,10 @@ def evaluate_bag(
     """
     estimated = _read_estimate(Path(estimate), models)
     c = estimated.configuration
-    true, frame, left_out = _read_truth(Path(truth), truth_topic, c.markers.names)
-    true, about_frames = _in_one_frame(true, frame, estimated, register)
+    read = read_truth(truth, c.markers.names, topic=truth_topic, given=markers, rate=truth_rate)
+    true, about_frames = _in_one_frame(read.trajectory, read.frame, estimated, register)
+    if read.axes and register != 'rigid':
+        about_frames = (*about_frames, f'{read.axes}: --register rigid takes care of it')
     arc_lengths = dict(zip(c.markers.names, c.markers.positions, strict=True))
     evaluation = evaluate(
         estimated.models,
@@ -70,7 +78,7 @@ def evaluate_bag(
         fit_fraction=fit_fraction,
         time_offset=time_offset,
     )
-    warnings = (*left_out, *about_frames, *evaluation.warnings)
+    warnings = (*read.notes, *about_frames, *evaluation.warnings)
     return replace(evaluation, warnings=warnings, pose=estimated.pose)
 
 
@@ -113,20 +121,6 @@ def _read_estimate(path: Path, models: Sequence[str] | None) -> _Estimate:
     reach = np.linalg.norm(poses.positions[:, -1], axis=-1)
     pose = read_backbone(path, of_model(chosen[-1], 'shape'), int(np.argsort(reach)[len(reach) // 2]))
     return _Estimate(c, estimates, poses.frame, DrawnPose(model.link_ends, pose))
-
-
-def _read_truth(path: Path, topic: str, markers: Sequence[str]) -> tuple[Trajectory, str, tuple[str, ...]]:
-    """Truth, its frame (empty where it is not known), and what was left out."""
-    if path.suffix.lower() == '.csv':
-        truth, left_out = read_csv(path, markers)
-        return truth, '', left_out
-    poses = read_poses(path, topic)
-    if poses.positions.shape[1] != len(markers):
-        raise Sesa2Error(
-            f'{path}: {topic} has {poses.positions.shape[1]} poses, expected {len(markers)}: {", ".join(markers)}'
-        )
-    times, positions = _increasing(poses.times_s, poses.positions)
-    return Trajectory(times, positions, tuple(markers)), poses.frame, ()
 
 
 def _in_one_frame(

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -11,7 +11,13 @@ from sesa2.evaluation.accuracy import MarkerError, marker_error
 from sesa2.evaluation.drawn_pose import DrawnPose
 from sesa2.evaluation.registration import Kind, Registration, fit_registration
 from sesa2.evaluation.screening import Screened, screen
-from sesa2.evaluation.time_offset import TimeOffset, find_time_offset
+from sesa2.evaluation.time_offset import (
+    MirroredTruthError,
+    TimeOffset,
+    correlations,
+    find_time_offset,
+    refuse_mirrored,
+)
 from sesa2.evaluation.trajectory import EvaluationError, Trajectory
 from sesa2.shape.rotations import FloatArray
 
@@ -119,8 +125,29 @@ def evaluate(
     Raises
     ------
     EvaluationError
-        the recordings do not belong together, or too little is in them.
+        the recordings do not belong together, or too little is in them; the truth is a mirror image of the estimate
+        and no rotation is fitted, which would make it scorable.
     """
+    try:
+        return _evaluate(estimates, truth, arc_lengths, register, fit_fraction, time_offset)
+    except MirroredTruthError as mirrored:
+        if register != 'rigid':
+            raise
+        # After a rotation, all mirror images are the same.
+        image = Trajectory(truth.times, -truth.positions, truth.names)
+        evaluation = _evaluate(estimates, image, arc_lengths, register, fit_fraction, time_offset)
+        said = f'T{mirrored.finding[1:]}. It was mirrored and scored so.'
+        return replace(evaluation, warnings=(said, *evaluation.warnings))
+
+
+def _evaluate(
+    estimates: Mapping[str, Trajectory],
+    truth: Trajectory,
+    arc_lengths: Mapping[str, float],
+    register: Kind,
+    fit_fraction: float,
+    time_offset: float | None,
+) -> Evaluation:
     _check(estimates, arc_lengths, fit_fraction, time_offset)
     arc_lengths = {name: float(s) for name, s in arc_lengths.items()}
     names = tuple(arc_lengths)
@@ -139,6 +166,9 @@ def evaluate(
     known = ~np.isnan(np.stack([m[..., 0] for m in matched.values()])) & truth.seen
     if not known.any():
         raise _no_overlap(estimates, truth, offset)
+    if time_offset is not None:
+        agree = max(correlations(positions, truth.positions) for positions in matched.values())
+        refuse_mirrored(agree[1], agree[0])
 
     registration = Registration()
     scored = np.ones(len(truth.times), dtype=bool)
@@ -210,9 +240,12 @@ def _shared_time_offset(estimates: Mapping[str, Trajectory], truth: Trajectory) 
             found[model] = find_time_offset(estimate, truth)
         except EvaluationError as e:
             refused.append(e)
+    mirrored = [e for e in refused if isinstance(e, MirroredTruthError)]
     if not found:
-        raise refused[0]
+        raise next(iter(mirrored), refused[0])
     best = max(found, key=lambda model: found[model].correlation or 0.0)
+    if mirrored and mirrored[0].mirrored > (found[best].correlation or 0.0):
+        raise mirrored[0]
     return found[best], best
 
 
@@ -264,6 +297,11 @@ def _truth_warnings(screened: Screened) -> list[str]:
     warnings = []
     if screened.scale != 1.0:
         warnings.append('The truth is in millimetres; it was converted to metres.')
+    warnings.extend(
+        f'{name}: 0, 0, 0 stands {100.0 * n / len(screened.truth.times):.0f} % of the time: taken as not seen.'
+        for name, n in screened.lost.items()
+        if n
+    )
     for what, counts in (
         ('Markers were held at their last position in the truth; left out', screened.held),
         ('Markers had changed places in the truth; left out', screened.exchanged),

@@ -219,6 +219,7 @@ def _left_out(evaluation: Evaluation) -> str:
     parts = [
         f'{n} samples of {name} {why}'
         for why, counts in (
+            ('at 0 0 0, where it was not seen', screened.lost),
             ('held at its last position', screened.held),
             ('exchanged with another marker', screened.exchanged),
             ('of which it cannot be told whether they were exchanged', screened.untold),

@@ -26,6 +26,10 @@ SPREAD_TOLERANCE = 4.0
 HELD_FOR = 0.5  # s
 HELD_WHILE = 0.05  # m
 
+# A recording that writes 0 0 0 where it does not see a marker. What is measured is never exactly there, unless it stays
+# there: at the clamp.
+LOST_REACH = 0.05  # of the marker's largest distance from the origin; one that comes nearer is not asked
+
 FASTEST = 2.0  # m/s, three times the top speed in the thesis (figure 4.20)
 FASTEST_RATIO = 6.0  # of this trial's own 95th percentile, if that is more
 EXCHANGE_RATIO = 0.5  # of the distances without the exchange; in between, nothing is concluded
@@ -44,6 +48,8 @@ class Screened:
         in metres; what was left out is NaN.
     scale
         what the file's numbers were multiplied by: 1, or 0.001 for millimetres.
+    lost
+        samples at exactly 0 0 0, taken for not seen, by marker.
     held
         samples that repeat a marker's last position while another marker moved, by marker.
     exchanged
@@ -59,6 +65,7 @@ class Screened:
 
     truth: Trajectory
     scale: float = 1.0
+    lost: Mapping[str, int] = field(default_factory=dict)
     held: Mapping[str, int] = field(default_factory=dict)
     exchanged: Mapping[str, int] = field(default_factory=dict)
     untold: Mapping[str, int] = field(default_factory=dict)
@@ -90,8 +97,10 @@ def screen(
     EvaluationError
         the truth is neither in metres nor in millimetres, or nothing of a marker is left.
     """
-    scale = _scale(truth, estimate, arc_length)
-    positions = truth.positions * scale
+    lost = _lost(truth.positions)
+    seen = Trajectory(truth.times, np.where(lost[..., None], np.nan, truth.positions), truth.names)
+    scale = _scale(seen, estimate, arc_length)
+    positions = seen.positions * scale
     held = _held(truth.times, positions)
     positions = np.where(held[..., None], np.nan, positions)
     in_metres = Trajectory(truth.times, positions, truth.names)
@@ -106,12 +115,20 @@ def screen(
         return dict(zip(truth.names, left_out.sum(axis=0).tolist(), strict=True))
 
     out = Screened(
-        cleaned, scale, counts(held), counts(exchanged), counts(untold), counts(jumped), throughout
+        cleaned,
+        scale,
+        counts(lost),
+        counts(held),
+        counts(exchanged),
+        counts(untold),
+        counts(jumped),
+        throughout,
     )
     for name, before, after in zip(truth.names, truth.seen.T, cleaned.seen.T, strict=True):
         if not after.any():
             raise EvaluationError(
-                f'truth: nothing of {name} can be used; it was seen in {before.sum()} samples: {out.held[name]} '
+                f'truth: nothing of {name} can be used; it was seen in {before.sum()} samples: '
+                f'{out.lost[name]} at 0 0 0, {out.held[name]} '
                 f'that repeat its last position, {out.exchanged[name]} exchanged with another marker, '
                 f'{out.untold[name]} where that cannot be told, {out.jumped[name]} that jumped'
             )
@@ -138,6 +155,17 @@ def _scale(truth: Trajectory, estimate: Trajectory, arc_length: float) -> float:
         f'farthest marker is {arc_length:.4g} m from the base. Nor is it in millimetres: the estimated markers are '
         f'{expected:.4g} m from their middle'
     )
+
+
+def _lost(positions: FloatArray) -> np.ndarray:
+    """Samples at exactly 0 0 0 of markers that are elsewhere otherwise, (n, m), bool."""
+    zero = (positions == 0.0).all(axis=2)
+    distance = np.where(zero, np.nan, np.linalg.norm(positions, axis=2))
+    for m in np.flatnonzero(zero.any(axis=0)):
+        known = distance[~np.isnan(distance[:, m]), m]
+        if not len(known) or known.min() < LOST_REACH * known.max():
+            zero[:, m] = False
+    return zero
 
 
 def _held(times: FloatArray, positions: FloatArray) -> np.ndarray:

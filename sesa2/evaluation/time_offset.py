@@ -32,7 +32,39 @@ MIN_CORRELATION_REPEATED = 0.95
 MIN_OVERLAP_REPEATED = 0.5  # of the shorter recording
 RIVAL_DISTANCE = 1.0  # s; nearer peaks are the same one, with noise on it
 
+# A mirror image is told from errors by how much more of the motion it explains: of what is left unexplained, it leaves
+# less than half, and that is more of the variance than an arm that moves in a plane has across it.
+MIRROR_LEAVES = 0.5
+MIRROR_EXPLAINS = 0.03
+
 RESOLUTION = 1e-6  # s
+# Of the estimate, to refine the offset with: 1 mm of noise at 0.2 m/s leaves 35 µs with so many, and more take longer.
+MAX_REFINED = 20_000
+
+
+class MirroredTruthError(EvaluationError):
+    """The truth is a mirror image of the estimate.
+
+    Parameters
+    ----------
+    mirrored, correlation
+        ρ of the estimate with the mirrored truth, and with the truth as it is.
+
+    Attributes
+    ----------
+    finding
+        what was found, without what to do.
+    """
+
+    def __init__(self, mirrored: float, correlation: float):
+        self.mirrored = mirrored
+        self.finding = (
+            f'the truth is a mirror image of the estimate (correlation {mirrored:.3f} mirrored, '
+            f'{correlation:.3f} as it is): its axes are left-handed, such as y and z swapped'
+        )
+        super().__init__(
+            f'{self.finding}. Export it with right-handed axes, or --register rigid scores it mirrored'
+        )
 
 
 @dataclass(frozen=True)
@@ -69,7 +101,8 @@ def find_time_offset(estimate: Trajectory, truth: Trajectory) -> TimeOffset:
     Raises
     ------
     EvaluationError
-        a recording is too short or does not move, or no offset makes them agree.
+        a recording is too short or does not move, or no offset makes them agree; a `MirroredTruthError` where one
+        makes the truth's mirror image agree far better.
     """
     for what, trajectory in (('estimate', estimate), ('truth', truth)):
         _refuse_short(what, trajectory)
@@ -77,12 +110,15 @@ def find_time_offset(estimate: Trajectory, truth: Trajectory) -> TimeOffset:
     duration = max(estimate.duration, truth.duration)
     step = max(GRID, estimate.period, truth.period, duration / MAX_GRID_SAMPLES)
 
-    lags, overlap, correlation = _correlate(_on_grid(estimate, step), _on_grid(truth, step), step)
+    lags, overlap, correlation, mirrored = _correlate(_on_grid(estimate, step), _on_grid(truth, step), step)
     offsets = truth.times[0] - estimate.times[0] + step * lags
     # The log-likelihood ratio of "the same motion" against "any motion": a long overlap that agrees well beats
     # a short one that agrees by chance.
-    evidence = -overlap * np.log1p(-np.minimum(correlation**2, 1.0 - 1e-9))
+    evidence, evidence_mirrored = (
+        -overlap * np.log1p(-np.minimum(rho**2, 1.0 - 1e-9)) for rho in (correlation, mirrored)
+    )
     best = int(np.argmax(evidence))
+    refuse_mirrored(float(mirrored[np.argmax(evidence_mirrored)]), float(correlation[best]))
     rival = _rival(offsets, evidence, best)
     if rival is None:
         believed = correlation[best] >= MIN_CORRELATION
@@ -98,15 +134,28 @@ def find_time_offset(estimate: Trajectory, truth: Trajectory) -> TimeOffset:
             f'{truth.times[0]:.3f} s. Give the offset if they do belong together'
         )
 
+    stride = -(-len(estimate.times) // MAX_REFINED)
+
     def agreement(offset: float) -> float:
         # The truth is the one to interpolate: interpolation smooths, and smoothing the estimate's noise
         # would draw the offset to wherever its samples fall halfway between the truth's.
-        x, y = estimate.positions, truth.at(estimate.times + offset)
-        return _correlation(x, y)
+        x, y = estimate.positions[::stride], truth.at(estimate.times[::stride] + offset)
+        return correlations(x, y)[0]
 
     coarse = float(offsets[best])
     offset = _maximise(agreement, coarse - 2.0 * step, coarse + 2.0 * step)
     return TimeOffset(offset, agreement(offset), None if rival is None else float(offsets[rival]))
+
+
+def refuse_mirrored(mirrored: float, correlation: float) -> None:
+    """Raise a `MirroredTruthError` where the mirrored truth agrees far better than the truth as it is."""
+    left, left_mirrored = 1.0 - correlation * abs(correlation), 1.0 - mirrored * abs(mirrored)
+    if (
+        left_mirrored < MIRROR_LEAVES * left
+        and left - left_mirrored > MIRROR_EXPLAINS
+        and mirrored > MIN_CORRELATION
+    ):
+        raise MirroredTruthError(mirrored, correlation)
 
 
 def _refuse_short(what: str, trajectory: Trajectory) -> None:
@@ -135,7 +184,9 @@ def _on_grid(trajectory: Trajectory, step: float) -> FloatArray:
     return trajectory.at(trajectory.times[0] + step * np.arange(n))
 
 
-def _correlate(x: FloatArray, y: FloatArray, step: float) -> tuple[np.ndarray, FloatArray, FloatArray]:
+def _correlate(
+    x: FloatArray, y: FloatArray, step: float
+) -> tuple[np.ndarray, FloatArray, FloatArray, FloatArray]:
     """Agreement of y[i + l] with x[i] at every lag l, over the samples that both have then.
 
     Parameters
@@ -147,7 +198,7 @@ def _correlate(x: FloatArray, y: FloatArray, step: float) -> tuple[np.ndarray, F
 
     Returns
     -------
-    lags (k,), in samples; the overlap there (k,), s, mean over the markers; ρ (k,).
+    lags (k,), in samples; the overlap there (k,), s, mean over the markers; ρ (k,); ρ with −y (k,).
     """
     n_lags = len(x) + len(y) - 1
     size = 1 << (n_lags - 1).bit_length()
@@ -183,9 +234,11 @@ def _correlate(x: FloatArray, y: FloatArray, step: float) -> tuple[np.ndarray, F
             f'no time offset lets estimate and truth overlap by {MIN_OVERLAP:g} s with at least '
             f'{1e3 * MIN_MOTION:g} mm rms of motion in both'
         )
-    best_product = np.linalg.eigvalsh(horn_matrix(covariance[usable]))[:, -1]
-    correlation = best_product / np.sqrt(energy_x[usable] * energy_y[usable])
-    return np.arange(-len(x) + 1, len(y))[usable], overlap[usable], correlation
+    # The matrix of −y is the negative one: its largest eigenvalue is the smallest one here.
+    products = np.linalg.eigvalsh(horn_matrix(covariance[usable]))
+    size_of_both = np.sqrt(energy_x[usable] * energy_y[usable])
+    lags = np.arange(-len(x) + 1, len(y))[usable]
+    return lags, overlap[usable], products[:, -1] / size_of_both, -products[:, 0] / size_of_both
 
 
 def _centred(p: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -197,8 +250,8 @@ def _centred(p: FloatArray) -> tuple[FloatArray, FloatArray]:
     return seen.astype(float), out
 
 
-def _correlation(x: FloatArray, y: FloatArray) -> float:
-    """ρ of two series of positions, (n, m, 3), over what both have seen."""
+def correlations(x: FloatArray, y: FloatArray) -> tuple[float, float]:
+    """ρ of two series of positions, (n, m, 3), over what both have seen; and that of x with the mirror image of y."""
     energy_x = energy_y = 0.0
     covariance = np.zeros((3, 3))
     for m in range(x.shape[1]):
@@ -210,8 +263,9 @@ def _correlation(x: FloatArray, y: FloatArray) -> float:
             energy_y += float((b**2).sum())
             covariance += a.T @ b
     if energy_x * energy_y == 0.0:
-        return 0.0
-    return float(np.linalg.eigvalsh(horn_matrix(covariance))[-1] / np.sqrt(energy_x * energy_y))
+        return 0.0, 0.0
+    products = np.linalg.eigvalsh(horn_matrix(covariance)) / np.sqrt(energy_x * energy_y)
+    return float(products[-1]), float(-products[0])
 
 
 def _maximise(f: Callable[[float], float], low: float, high: float) -> float:

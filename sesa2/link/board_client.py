@@ -3,6 +3,7 @@
 import time
 from collections.abc import Callable
 
+from sesa2.link.clock import steady_ns
 from sesa2.link.framing import FrameDecoder, encode_frame
 from sesa2.link.link_errors import CommandError, LinkError, PacketError, ProtocolVersionError
 from sesa2.link.packets import VERSION, Acceleration, Data, decode_stream
@@ -34,7 +35,7 @@ UPLOAD = 'make -C firmware upload'
 """Puts this package's firmware on a board."""
 
 PacketHandler = Callable[[Data | Acceleration, int], None]
-"""Takes a packet and the time at which its last byte was read, ns of `time.monotonic_ns`."""
+"""Takes a packet and the time at which its last byte was read, ns of `steady_ns`."""
 
 
 class Board:
@@ -82,7 +83,7 @@ class Board:
     def poll(self, timeout_s: float) -> bool:
         """Read once, waiting up to a time, and hand on what arrived; whether anything did."""
         portion = self.port.read(timeout_s)
-        arrival_ns = time.monotonic_ns()
+        arrival_ns = steady_ns()
         self._received += len(portion)
         for body in self.decoder.feed(portion):
             try:

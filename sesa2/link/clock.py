@@ -6,7 +6,12 @@ fastest packets lie on it. Of all lines below the points, the one with the least
 of their lower convex hull under their mean (Zhang, Liu, Xia: Clock synchronization algorithms for network
 measurements, INFOCOM 2002). That needs no model of the delays, and bursts of late packets do not move it. Here the
 points are the fastest packets of each half second in the last minute. Until there are three seconds of them, the
-drift is taken as 0.
+drift is what it was before, at first 0.
+
+A packet before its time, or with a time before its predecessor's, is damaged, or one of the clocks was stepped. One
+is not believed, three in a row are. A packet behind its time is late, or one of the clocks was stepped: a reader that
+was held up catches up, so it was a step when for a second nothing came nearer to its time. The line is then moved by
+the step; the drift, which is the resonator's, stays.
 """
 
 import time
@@ -20,9 +25,14 @@ _BUCKET_NS = 500_000_000
 _BUCKETS = 120
 _BUCKETS_FOR_DRIFT = 6
 _LARGEST_DRIFT = 0.01  # a ceramic resonator stays within 0.5 %
-_AHEAD_NS = 100_000_000  # a packet this much before its time: one of the two clocks was stepped
-_BEHIND_NS = NS  # and this much behind it, for so long
-_PATIENCE_NS = 2 * NS
+_EARLY_NS = 1_000_000  # by so much, and by what drift may make of the time, one packet takes the line down
+_WITNESSES = 3  # so many packets in a row are believed whatever they say
+_STEP_NS = 50_000_000  # what is less is delay, not a step of a clock
+_PATIENCE_NS = NS
+_LATE_PACKETS = 5
+_SHORTEST_PERIOD_NS = 10_000_000  # of sweeps; what lies between two before that is known
+LONGEST_HOLD_NS = 900_000_000
+"""Stamps that are ahead by no more wait for the time, at half its pace and so for less than two seconds."""
 
 
 class _Point(NamedTuple):
@@ -30,23 +40,46 @@ class _Point(NamedTuple):
     excess_ns: int
     """Arrival − board time."""
 
+    @property
+    def arrival_ns(self) -> int:
+        return self.board_ns + self.excess_ns
+
 
 class BoardClock:
     """Maps the board's microseconds to the host's nanoseconds.
 
     Stamps are strictly monotonic, and two of them never lie closer than half of what lies between them on the board's
-    clock, so that sweeps do not overlap when the line moves.
+    clock, so that sweeps do not overlap when the line moves. Only when a clock was stepped and stamps would have to
+    wait for longer than 0.9 s do they go back.
 
     Attributes
     ----------
     jumps
-        Times that one of the clocks jumped, which made the line start anew.
+        Times that one of the clocks was stepped, as far as is known.
+    doubted
+        Packets whose time was not believed; they are stamped by their arrival.
     """
 
     def __init__(self) -> None:
-        self.jumps = 0
+        self.jumps = self.doubted = 0
         self._last_stamp_ns: int | None = None
+        self._drift = 0.0
+        self._passed_ns = _SHORTEST_PERIOD_NS
         self.restart()
+
+    def restart(self) -> None:
+        """Forget the line, since the board was reset or the link was down; stamps stay monotonic."""
+        self._t_us: int | None = None
+        self._arrival_ns = 0
+        self._board_ns = 0
+        self._offset_ns: float | None = None
+        self._points: deque[_Point] = deque(maxlen=_BUCKETS)
+        self._fastest: _Point | None = None
+        self._bucket_ends_ns = _BUCKET_NS
+        self._early: deque[_Point] = deque(maxlen=_WITNESSES)
+        self._behind: _Point | None = None
+        self._first_behind = _Point(0, 0)
+        self._n_behind = 0
 
     def stamp(self, t_us: int, arrival_ns: int) -> int:
         """Host time of a board time, ns.
@@ -56,72 +89,91 @@ class BoardClock:
         t_us
             Board clock, µs modulo 2³².
         arrival_ns
-            Host clock, ns, when the packet had arrived, less what the packet is known to take on its way. It
-            must be a steady clock (`time.monotonic_ns`): a step is survived, but followed only forwards.
+            Host clock (`steady_ns`), ns, when the packet had arrived, less what the packet is known to take on its
+            way.
         """
-        passed_ns = self._advance(t_us)
-        if passed_ns is None:
-            self.jumps += 1
-            self.restart()
-            passed_ns = self._advance(t_us) or 0
-        late_ns = arrival_ns - self._line(self._board_ns)
-        if self._jumped(late_ns, arrival_ns):
-            self.jumps += 1
-            self.restart()
-            self._advance(t_us)
-        self._learn(arrival_ns)
-        stamp = self._line(self._board_ns)
-        if self._last_stamp_ns is not None:
-            stamp = max(stamp, self._last_stamp_ns + max(1, passed_ns // 2))
-        self._last_stamp_ns = stamp
-        return stamp
-
-    def restart(self) -> None:
-        """Forget the line, since the board was reset or the link was down; stamps stay monotonic."""
-        self._t_us: int | None = None
-        self._board_ns = 0
-        self._offset_ns: float | None = None
-        self._drift = 0.0
-        self._points: deque[_Point] = deque(maxlen=_BUCKETS)
-        self._fastest: _Point | None = None
-        self._bucket_ends_ns = _BUCKET_NS
-        self._behind_since_ns: int | None = None
-
-    def _advance(self, t_us: int) -> int | None:
-        """Take the board's clock on, through its wrap; what has passed, ns, or None if it went back."""
-        passed_us = 0 if self._t_us is None else (t_us - self._t_us) % _WRAP
-        if passed_us >= _WRAP // 2:
-            return None
-        self._t_us = t_us
-        self._board_ns += passed_us * 1000
-        return passed_us * 1000
+        if self._t_us is None:
+            self._t_us, self._arrival_ns = t_us, arrival_ns
+        # A damaged packet or a stepped clock lets time go back.
+        passed_ns = 1000 * ((t_us - self._t_us + _WRAP // 2) % _WRAP - _WRAP // 2)
+        elapsed_ns = max(0, arrival_ns - self._arrival_ns)
+        usual_ns = min(abs(passed_ns), self._passed_ns)
+        board_ns = self._board_ns + passed_ns
+        point = _Point(board_ns, arrival_ns - board_ns)
+        if self._offset_ns is None:
+            self._offset_ns = point.excess_ns - self._drift * board_ns
+        if passed_ns < 0 or self._late(point) < -_EARLY_NS - _LARGEST_DRIFT * elapsed_ns:
+            self._early.append(point)
+            if len(self._early) < _WITNESSES:
+                self.doubted += 1
+                stamp_ns = self._line(self._board_ns) + elapsed_ns  # as late as its predecessor
+                return self._ascending(
+                    stamp_ns if passed_ns < 0 else min(stamp_ns, self._line(board_ns)), usual_ns
+                )
+            witness: _Point | None = sorted(self._early, key=self._late)[_WITNESSES // 2]
+        else:
+            self._early.clear()
+            witness = self._lasting(point)
+        if witness:
+            point = self._follow(witness, point)
+            passed_ns = usual_ns
+        self._t_us, self._arrival_ns, self._board_ns = t_us, arrival_ns, point.board_ns
+        self._passed_ns = passed_ns or self._passed_ns
+        self._learn(point)
+        return self._ascending(self._line(point.board_ns), passed_ns)
 
     def _line(self, board_ns: int) -> int:
         offset_ns = self._offset_ns if self._offset_ns is not None else 0.0
         return board_ns + round(offset_ns + self._drift * board_ns)
 
-    def _jumped(self, late_ns: int, arrival_ns: int) -> bool:
-        if self._offset_ns is None:
-            return False
-        if late_ns < -_AHEAD_NS:
-            return True
-        if late_ns < _BEHIND_NS:
-            self._behind_since_ns = None
-        elif self._behind_since_ns is None:
-            self._behind_since_ns = arrival_ns
-        else:
-            # A reader that was held up finds late packets too, but it catches up.
-            return arrival_ns - self._behind_since_ns > _PATIENCE_NS
-        return False
+    def _late(self, point: _Point) -> int:
+        return point.arrival_ns - self._line(point.board_ns)
 
-    def _learn(self, arrival_ns: int) -> None:
-        board_ns = self._board_ns
+    def _ascending(self, stamp_ns: int, passed_ns: int) -> int:
+        """A stamp that keeps its distance from the last one, which was so long before on the board's clock."""
+        if self._last_stamp_ns is not None:
+            stamp_ns = max(stamp_ns, self._last_stamp_ns + max(1, passed_ns // 2))
+        self._last_stamp_ns = stamp_ns
+        return stamp_ns
+
+    def _lasting(self, point: _Point) -> _Point | None:
+        """The fastest packet of a second in which all were late and none was catching up, once it has passed."""
+        if self._late(point) < _STEP_NS:
+            self._behind = None
+            return None
+        if self._behind is None or point.excess_ns < self._first_behind.excess_ns - _STEP_NS:
+            self._behind = self._first_behind = point
+            self._n_behind = 0
+        elif point.excess_ns < self._behind.excess_ns:
+            self._behind = point
+        self._n_behind += 1
+        lasts = (
+            point.arrival_ns - self._first_behind.arrival_ns >= _PATIENCE_NS
+            and self._n_behind >= _LATE_PACKETS
+        )
+        return self._behind if lasts else None
+
+    def _follow(self, witness: _Point, point: _Point) -> _Point:
+        """Take the line to a witness; what is to be learned of the newest point, which alone takes no line down."""
+        stepped = point.board_ns < self._board_ns or abs(self._late(witness)) >= _STEP_NS
+        self.jumps += stepped
+        self._offset_ns = witness.excess_ns - self._drift * witness.board_ns
+        self._points.clear()
+        self._fastest = self._behind = None
+        self._bucket_ends_ns = point.board_ns + _BUCKET_NS
+        self._early.clear()
+        ahead_ns = 0 if self._last_stamp_ns is None else self._last_stamp_ns - self._line(point.board_ns)
+        if stepped and ahead_ns > LONGEST_HOLD_NS:
+            self._last_stamp_ns = None
+        return _Point(point.board_ns, point.excess_ns + max(0, -self._late(point)))
+
+    def _learn(self, point: _Point) -> None:
+        board_ns = point.board_ns
         if board_ns >= self._bucket_ends_ns and self._fastest:
             self._points.append(self._fastest)
             self._fit()
             self._fastest = None
             self._bucket_ends_ns = board_ns + _BUCKET_NS
-        point = _Point(board_ns, arrival_ns - board_ns)
         if self._fastest is None or point.excess_ns < self._fastest.excess_ns:
             self._fastest = point
         # Nothing arrives before it was sent: a packet below the line takes the line down with it, at once.
@@ -156,38 +208,58 @@ def _turns_down(a: _Point, b: _Point, c: _Point) -> bool:
     return ab[0] * ac[1] <= ac[0] * ab[1]
 
 
+def steady_ns() -> int:
+    """A host clock that nobody steps, ns; on Linux it goes on while the machine is suspended."""
+    boottime = getattr(time, 'CLOCK_BOOTTIME', None)
+    return time.monotonic_ns() if boottime is None else time.clock_gettime_ns(boottime)
+
+
 class WallClock:
     """The wall clock over the steady one: constant, but for the steps that somebody makes.
 
     Two clocks cannot be read at the same time, which would make every stamp jitter. Their difference is therefore
-    held, and followed only when it has changed by more than a reading can be wrong.
+    held, and followed only when it has changed by more than a reading can be wrong. A step back of up to 0.9 s is
+    followed at half the pace of time, so that times keep their order.
+
+    Attributes
+    ----------
+    steps
+        Times that the wall clock was stepped.
     """
 
     def __init__(self) -> None:
         self.steps = 0
-        self._held_ns = _difference_ns()
+        self._difference_ns = self._held_ns = _difference_ns()
+        self._latest_ns: int | None = None
 
-    def of(self, monotonic_ns: int) -> int:
-        """Wall time, ns since 1970, of a time of `time.monotonic_ns`."""
-        return monotonic_ns + self._held_ns
+    def of(self, at_ns: int) -> int:
+        """Wall time, ns since 1970, of a time of `steady_ns`."""
+        if self._held_ns > self._difference_ns and self._latest_ns is not None:
+            passed_ns = max(0, at_ns - self._latest_ns)
+            self._held_ns = max(self._difference_ns, self._held_ns - passed_ns // 2)
+        self._latest_ns = at_ns
+        return at_ns + self._held_ns
 
-    def look(self) -> bool:
-        """See whether the wall clock was stepped, and follow it; call it about once a second."""
+    def look(self) -> int:
+        """See whether the wall clock was stepped, and follow it; by how much, ns. Call it about once a second."""
         difference_ns = _difference_ns()
-        stepped = abs(difference_ns - self._held_ns) > 1_000_000
-        if stepped:
+        step_ns = difference_ns - self._difference_ns
+        if abs(step_ns) <= 1_000_000:
+            return 0
+        self.steps += 1
+        self._difference_ns = difference_ns
+        if not 0 < self._held_ns - difference_ns <= LONGEST_HOLD_NS:
             self._held_ns = difference_ns
-            self.steps += 1
-        return stepped
+        return step_ns
 
 
 def _difference_ns() -> int:
     """The closest of a few readings: between the two of a pair, the thread can be interrupted."""
     best = None
     for _ in range(5):
-        before = time.monotonic_ns()
+        before = steady_ns()
         wall = time.time_ns()
-        after = time.monotonic_ns()
+        after = steady_ns()
         if best is None or after - before < best[0]:
             best = after - before, wall - (before + after) // 2
     assert best is not None

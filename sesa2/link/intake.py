@@ -82,7 +82,11 @@ class Intake:
             return
         if sweep.seq != self._stamped_seq:  # the packets of a sweep share their stamp
             sent_ns = arrival_ns - packet.line_bytes * self._byte_ns
+            jumps = self.clock.jumps
             self._stamp_ns = self.clock.stamp(sweep.t_us, sent_ns - 1000 * sweep.scan_us)
+            if self.clock.jumps > jumps:
+                text = 'the clock of the board or of this computer was stepped; stamps follow it'
+                self._handler.on_event(Event(Level.WARN, text))
             self._stamped_seq = sweep.seq
         start_ns = self.wall.of(self._stamp_ns)
         stamps_ns = [start_ns + read_ns for read_ns in sweep.read_ns()]

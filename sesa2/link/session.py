@@ -25,6 +25,7 @@ from sesa2.link.serial_port import SerialPort
 from sesa2.link.status import Counters, Event, Handler, ImuStatus, Level, OffsetsState
 from sesa2.sensing.imu.addresses import CHANNELS, address_of, ids_of, imu_id_at, mask_of
 from sesa2.sensing.imu.bno055.offsets import Offsets
+from sesa2.time import NS
 
 _TURN_S = 0.05
 _RECONNECT_S = 0.2
@@ -115,6 +116,8 @@ class Session:
             malformed=self._counters.malformed + (board.malformed if board else 0),
             retries=self._counters.retries + (board.retries if board else 0),
             clock_jumps=self._intake.clock.jumps,
+            clock_doubts=self._intake.clock.doubted,
+            wall_clock_steps=self._intake.wall.steps,
         )
 
     def imus(self) -> dict[int, ImuStatus]:
@@ -300,8 +303,8 @@ class Session:
 
     def _look_after(self, board: Board) -> None:
         """Once a second, or as soon as a chip ran again: counters, the wall clock, chips that came back."""
-        if self._intake.wall.look():
-            self._tell(Level.WARN, 'the wall clock was stepped; stamps follow it')
+        if step_ns := self._intake.wall.look():
+            self._tell(Level.WARN, f'the wall clock was stepped by {step_ns / NS:+.3f} s; stamps follow it')
         self.stats = board.stats()
         counts = zip(self.stats.comebacks, self._comebacks_known, strict=True)
         # A chip that lost its power for less than a sweep is seen in this counter alone.

@@ -73,7 +73,10 @@ class Counters:
     offset_differences: int = 0
     """Times that a chip's offsets were not those saved."""
     clock_jumps: int = 0
-    """Times that the board's clock did not go on as it had."""
+    """Times that the board's clock or the host's did not go on as it had."""
+    clock_doubts: int = 0
+    """Packets whose time was not believed: they were stamped by their arrival."""
+    wall_clock_steps: int = 0
 
 
 class Handler(Protocol):

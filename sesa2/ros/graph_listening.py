@@ -151,9 +151,12 @@ class Listener:
 
     def _take_diagnostics(self, message: DiagnosticArray) -> None:
         now = time.monotonic()
-        for status in message.status:
-            values = {pair.key: pair.value for pair in status.values}
-            self.live.diagnostics[status.name] = Diagnostic(status.level[0], status.message, values, now)
+        self.live.hear(
+            {
+                s.name: Diagnostic(s.level[0], s.message, {pair.key: pair.value for pair in s.values}, now)
+                for s in message.status
+            }
+        )
 
 
 def _orientation(data: bytes) -> FloatArray:

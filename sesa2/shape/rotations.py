@@ -147,6 +147,33 @@ def to_matrix(q: ArrayLike) -> FloatArray:
     return half
 
 
+def from_matrix(R: ArrayLike) -> FloatArray:
+    """Quaternions of rotation matrices, the inverse of `to_matrix`.
+
+    The other components are divided by the largest, which no cancellation touches (Shepperd 1978).
+
+    Parameters
+    ----------
+    R : (..., 3, 3)
+        v_A = R v_B.
+
+    Returns
+    -------
+    (..., 4), unit q_AB, x y z w.
+    """
+    R = np.asarray(R, dtype=float)
+    x, y, z = (R[..., i, i] for i in range(3))
+    # Row k of the four holds 4 q_k q: for the k whose q_k is the largest, it is as exact as R is.
+    rows = np.empty((*R.shape[:-2], 4, 4))
+    rows[..., 0, 0], rows[..., 1, 1] = 1.0 + x - y - z, 1.0 - x + y - z
+    rows[..., 2, 2], rows[..., 3, 3] = 1.0 - x - y + z, 1.0 + x + y + z
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        rows[..., i, j] = rows[..., j, i] = R[..., i, j] + R[..., j, i]
+        rows[..., k, 3] = rows[..., 3, k] = R[..., j, i] - R[..., i, j]
+    largest = np.argmax(np.diagonal(rows, axis1=-2, axis2=-1), axis=-1)
+    return normalize(np.take_along_axis(rows, largest[..., None, None], axis=-2)[..., 0, :])
+
+
 def from_rotation_vector(v: ArrayLike) -> FloatArray:
     """Exponential map.
 

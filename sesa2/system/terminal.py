@@ -6,6 +6,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from sesa2.configuration import Configuration
+from sesa2.link.clock import steady_ns
 from sesa2.sensing.imu.addresses import CHANNELS
 from sesa2.shape.measured import Measured
 from sesa2.shape.models import create_model
@@ -83,9 +84,9 @@ class Terminal:
         board = next(iter(self._system.boards), None)
         if board is None or c.run.trial:  # the arm of a trial is no arcs: its truth is in the trial
             return None
-        # Stamps are of the wall clock; boards know the monotonic one. All of them play the same arm.
-        monotonic_ns = stamp_ns - (time.time_ns() - time.monotonic_ns())
-        orientations = board.truth(board.motion_time(monotonic_ns))[-len(c.imus.ids) :]
+        # Stamps are of the wall clock; boards know the steady one. All of them play the same arm.
+        at_ns = stamp_ns - (time.time_ns() - steady_ns())
+        orientations = board.truth(board.motion_time(at_ns))[-len(c.imus.ids) :]
         tip = (
             create_model('pcc_exact', c.layout)
             .fit(Measured(orientations, c.base))

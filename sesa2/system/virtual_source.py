@@ -1,6 +1,5 @@
 """The virtual boards that belong to a configuration."""
 
-import time
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +8,7 @@ from numpy.typing import ArrayLike
 from sesa2.bags.trial_bag import TRIAL_FILE
 from sesa2.configuration import Configuration
 from sesa2.errors import Sesa2Error
+from sesa2.link.clock import steady_ns
 from sesa2.link.virtual.motion import ArmMotion, Motion
 from sesa2.link.virtual.virtual_arm import VirtualArm
 from sesa2.link.virtual.virtual_board import VirtualBoard
@@ -35,7 +35,7 @@ def make_virtual_boards(c: Configuration, link: Path | None = None) -> list[Virt
         headings = np.concatenate([[0.0], headings])
     motion = _recorded(c) if c.run.trial else ArmMotion(positions, c.base)
     arm = VirtualArm(ids, motion, mount_orientations=mountings, headings=headings)
-    count, epoch_ns = 1 + max(ids_by_board(arm.ids)), time.monotonic_ns()
+    count, epoch_ns = 1 + max(ids_by_board(arm.ids)), steady_ns()
     links = [link and link.with_name(f'{link.name}{k + 1 if k else ""}') for k in range(count)]
     boards: list[VirtualBoard] = []
     try:

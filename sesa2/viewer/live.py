@@ -63,12 +63,18 @@ class Live:
     latency_s: float | None = None
     diagnostics: dict[str, Diagnostic] = field(default_factory=dict)
 
+    def hear(self, said: Mapping[str, Diagnostic]) -> None:
+        """Take what was said, by `node: part`, and forget what was said long ago: on an open graph names never end."""
+        oldest = time.monotonic() - _HEARD_FOR_S
+        kept = {name: d for name, d in self.diagnostics.items() if d.heard > oldest}
+        self.diagnostics = {**kept, **said}
+
     def heard(self, node: str) -> dict[str, Diagnostic]:
         """What a node has said within the last seconds, by part; empty when it is silent."""
         oldest = time.monotonic() - _HEARD_FOR_S
         return {
             name.partition(': ')[2]: d
-            for name, d in list(self.diagnostics.items())
+            for name, d in self.diagnostics.items()
             if name.partition(': ')[0] == node and d.heard > oldest
         }
 

@@ -92,6 +92,7 @@ def test_topics_and_their_types_and_counts(tmp_path, samples):
             assert set(recording.topics) == {'/configuration', '/imu_1/data', '/imu_2/data', '/imu_3/data'}
             assert recording.topics['/configuration'] == RecordedTopic('std_msgs/msg/String', 1, True)
             assert recording.topics['/imu_1/data'] == RecordedTopic(TYPE, 300, False)
+            assert 'float64[9] orientation_covariance' in recording.topics['/imu_1/data'].definition
             only = list(recording.messages(['/imu_2/data']))
             assert [m.data for m in only] == [m.data for m in samples if m.topic == '/imu_2/data']
             assert list(recording.messages([])) == []
@@ -148,23 +149,23 @@ def test_mcap_that_is_not_ros_2(tmp_path):
     [
         ('missing', None, 'no such file or folder'),
         ('missing.mcap', None, 'no such file or folder'),
-        ('notes.txt', b'hello', r'expected a rosbag2 folder, \.mcap, \.db3, \.bag or \.csv'),
+        ('notes.txt', b'hello', 'no bag, and no known export .* A CSV must have the columns time_s'),
         ('empty.mcap', b'', 'nothing readable'),
         ('text.mcap', b'hello, this is not MCAP at all', 'nothing readable'),
         ('empty.db3', b'', 'nothing readable'),
         ('text.db3', b'hello, this is not SQLite', 'nothing readable'),
         ('empty.bag', b'', 'nothing readable'),
         ('text.bag', b'hello, this is not a bag\n', 'nothing readable'),
-        ('empty.csv', b'', 'expected the columns time_s and imu_<id>_x'),
-        ('markers.csv', b'time_s,M1_x,M1_y,M1_z\n', 'wrong: no IMU has any'),
-        ('part.csv', b'time_s,imu_3_x,imu_3_y,imu_3_w\n', 'wrong: imu_3_z'),
+        ('empty.csv', b'', 'A CSV must have the columns time_s .* imu_<id>_x'),
+        ('markers.csv', b'time_s,M1_x,M1_y,M1_z\n0,1,2,3\n', 'no body is an IMU, .*there are M1'),
+        ('part.csv', b'time_s,imu_3_x,imu_3_y,imu_3_w\n', 'has no column imu_3_z'),
         (
             'word.csv',
             b'time_s,imu_3_x,imu_3_y,imu_3_z,imu_3_w\n0,0,0,0,1\n1,0,x,0,1\n',
             "line 3: imu_3_y is 'x'",
         ),
-        ('time.csv', b'time_s,imu_3_x,imu_3_y,imu_3_z,imu_3_w\n,0,0,0,1\n', "line 2: time_s is ''"),
-        ('image.csv', b'\x89PNG\xff\xfe', 'is not a CSV text file'),
+        ('time.csv', b'time_s,imu_3_x,imu_3_y,imu_3_z,imu_3_w\n,0,0,0,1\n', 'line 2: time_s is empty'),
+        ('image.csv', b'\x89PNG\xff\xfe', 'no known export'),
     ],
 )
 def test_what_is_no_recording(tmp_path, name, content, message):

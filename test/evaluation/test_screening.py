@@ -179,3 +179,23 @@ def test_refuses_a_marker_that_was_never_seen(truth, motion):
     p[:, 1] = np.nan
     with pytest.raises(EvaluationError, match='nothing of M2 can be used; it was seen in 0 samples'):
         screen(changed(truth, p), motion.record(31.0), 0.6)
+
+
+@pytest.mark.parametrize('gap', [1, 2, 30])
+@pytest.mark.parametrize('scale', [1.0, 1000.0])
+def test_zeros_are_a_marker_that_was_not_seen(truth, motion, gap, scale):
+    p = truth.positions * scale
+    lost = np.arange(len(p)) % 100 < gap
+    p[lost, 1] = 0.0
+    got = screen(changed(truth, p), motion.record(31.0), 0.6)
+    assert got.lost == {'M1': 0, 'M2': lost.sum()}
+    np.testing.assert_array_equal(~got.truth.seen[:, 1], lost)
+    assert got.truth.seen[:, 0].all()
+    assert got.jumped == got.held == {'M1': 0, 'M2': 0}
+
+
+def test_a_marker_at_the_origin_is_not_lost(truth, motion):
+    p = truth.positions.copy()
+    p[:, 0] -= p[17, 0]  # it passes there
+    got = screen(changed(truth, p), motion.record(31.0), 0.6)
+    assert got.lost == {'M1': 0, 'M2': 0}

@@ -5,7 +5,7 @@ import pytest
 from scipy.signal import correlate
 from scipy.spatial.transform import Rotation
 
-from sesa2.evaluation.time_offset import find_time_offset
+from sesa2.evaluation.time_offset import MirroredTruthError, find_time_offset
 from sesa2.evaluation.trajectory import EvaluationError, Trajectory
 
 
@@ -149,3 +149,22 @@ def test_the_delay_of_the_simulated_trial(twin):
     assert time.perf_counter() - began < 5.0  # some 0.15 s; the room is for a loaded machine
     assert abs(found.seconds + 0.020) < 2e-3
     assert found.rival is None
+
+
+@pytest.mark.parametrize('turn', [(0.0, 0.0, 0.0), (2.5, 0.4, -1.0)])
+def test_a_mirror_image_is_refused(motion, turn):
+    truth = motion.record(100.0)
+    swapped = Rotation.from_euler('zyx', turn).apply(truth.positions[..., [0, 2, 1]].reshape(-1, 3).copy())
+    swapped = Trajectory(truth.times, swapped.reshape(truth.positions.shape), truth.names)
+    with pytest.raises(MirroredTruthError, match='mirror image of the estimate') as refused:
+        find_time_offset(motion.record(31.0), swapped)
+    assert refused.value.mirrored > 0.999
+
+
+@pytest.mark.parametrize('across', [0.0, 1e-3, 0.1])
+def test_motion_in_a_plane_looks_the_same_mirrored_and_is_not_refused(motion, across):
+    flat = np.array([1.0, 1.0, across])
+    truth, estimate = motion.record(100.0), motion.record(31.0)
+    truth = Trajectory(truth.times, truth.positions * flat, truth.names)
+    estimate = Trajectory(estimate.times, estimate.positions * flat * (1, 1, -1), estimate.names)
+    assert abs(find_time_offset(estimate, truth).seconds) < 5e-4

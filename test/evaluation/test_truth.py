@@ -1,8 +1,9 @@
 import numpy as np
 import pytest
+from made_poses import point, pose, write_topics
 
-from sesa2.evaluation.trajectory import EvaluationError
-from sesa2.evaluation.truth import read_csv
+from sesa2.errors import Sesa2Error
+from sesa2.evaluation.truth import read_truth
 
 HEADER = 'time_s,M1_x,M1_y,M1_z,M2_x,M2_y,M2_z\n'
 NAMES = ('M1', 'M2')
@@ -10,87 +11,129 @@ NAMES = ('M1', 'M2')
 
 @pytest.fixture
 def csv(tmp_path):
-    def write(text, encoding='utf-8'):
+    def write(text):
         path = tmp_path / 'truth.csv'
-        path.write_bytes(text.encode(encoding))
+        path.write_text(text)
         return path
 
     return write
 
 
-def test_reads_metres_and_seconds(csv):
-    truth, left_out = read_csv(csv(HEADER + '100.0,1,2,3,4,5,6\n100.01,1.5,2,3,4,5,-6e-1\n'), NAMES)
-    np.testing.assert_array_equal(truth.times, [100.0, 100.01])
-    np.testing.assert_array_equal(truth.positions, [[[1, 2, 3], [4, 5, 6]], [[1.5, 2, 3], [4, 5, -0.6]]])
-    assert truth.names == NAMES
-    assert left_out == ()
-
-
-def test_columns_by_name_whatever_their_order(csv):
-    text = 'frame, M2_z ,M2_x,M2_y,time_s,M1_x,M1_y,M1_z\n1,3,1,2,0.5,4,5,6\r\n\r\n'
-    truth, _ = read_csv(csv('﻿' + text), ('M2',))
-    np.testing.assert_array_equal(truth.times, [0.5])
-    np.testing.assert_array_equal(truth.positions, [[[1, 2, 3]]])
+def test_a_file_gives_the_markers_in_our_order(csv):
+    truth = read_truth(csv(HEADER + '100.0,1,2,3,4,5,6\n100.01,1.5,2,3,4,5,-6e-1\n'), ('M2', 'M1'))
+    np.testing.assert_array_equal(truth.trajectory.times, [100.0, 100.01])
+    np.testing.assert_array_equal(
+        truth.trajectory.positions, [[[4, 5, 6], [1, 2, 3]], [[4, 5, -0.6], [1.5, 2, 3]]]
+    )
+    assert truth.trajectory.names == ('M2', 'M1')
+    assert (truth.frame, truth.notes, truth.axes) == ('', (), '')
 
 
 def test_gaps_stay_gaps(csv):
-    truth, left_out = read_csv(
-        csv(HEADER + '0,1,2,3,4,5,6\n1,nan,nan,NaN,4,5,6\n2,1,2,3,,,\n3,1,,3,4,5,6\n'), NAMES
-    )
-    np.testing.assert_array_equal(truth.seen, [[True, True], [False, True], [True, False], [False, True]])
-    assert left_out == ('truth.csv: 1 marker positions with a missing component count as not seen',)
+    truth = read_truth(csv(HEADER + '0,1,2,3,4,5,6\n1,nan,nan,NaN,4,5,6\n2,1,2,3,,,\n3,1,,3,4,5,6\n'), NAMES)
+    seen = [[True, True], [False, True], [True, False], [False, True]]
+    np.testing.assert_array_equal(truth.trajectory.seen, seen)
+    assert truth.notes == ('truth.csv: 1 marker positions with a missing component count as not seen',)
 
 
 @pytest.mark.parametrize(
     ('text', 'why'),
     [
-        ('time_s,M1_x,M1_y,M1_z\n0,1,2,3\n1,4,5,6\n', 'M2 has no columns and is not evaluated'),
+        ('time_s,M1_x,M1_y,M1_z\n0,1,2,3\n1,4,5,6\n', 'M2 is not in it and is not evaluated; there are M1'),
         (HEADER + '0,1,2,3,,,\n1,4,5,6,,,\n', 'M2 was never seen in 2 samples and is not evaluated'),
     ],
 )
 def test_the_markers_that_are_there_are_read(csv, text, why):
-    truth, left_out = read_csv(csv(text), NAMES)
-    assert truth.names == ('M1',)
-    np.testing.assert_array_equal(truth.positions, [[[1, 2, 3]], [[4, 5, 6]]])
-    assert left_out == (f'truth.csv: {why}',)
+    truth = read_truth(csv(text), NAMES)
+    assert truth.trajectory.names == ('M1',)
+    np.testing.assert_array_equal(truth.trajectory.positions, [[[1, 2, 3]], [[4, 5, 6]]])
+    assert truth.notes == (f'truth.csv: {why}',)
 
 
-def test_lines_back_in_time_are_left_out_and_counted(csv):
-    truth, left_out = read_csv(csv(HEADER + ''.join(f'{t},1,2,3,4,5,6\n' for t in (0, 1, 1, 0.5, 2))), NAMES)
-    np.testing.assert_array_equal(truth.times, [0, 1, 2])
-    assert left_out == ('truth.csv: 2 lines whose time_s is not after the line before were left out',)
+def test_samples_back_in_time_are_left_out_and_counted(csv):
+    truth = read_truth(csv(HEADER + ''.join(f'{t},1,2,3,4,5,6\n' for t in (0, 1, 1, 0.5, 2))), NAMES)
+    np.testing.assert_array_equal(truth.trajectory.times, [0, 1, 2])
+    assert truth.notes == ('truth.csv: 2 samples whose time is not after the one before were left out',)
 
 
-def test_a_file_cut_short_is_used_as_far_as_it_goes(csv):
-    truth, left_out = read_csv(csv(HEADER + '0,1,2,3,4,5,6\n1,1,2,3,4,5,6\n2,1,2'), NAMES)
-    np.testing.assert_array_equal(truth.times, [0, 1])
-    assert left_out == ('truth.csv was cut short: its last line, 4, is incomplete and left out',)
+def test_names_that_differ_are_given(csv):
+    path = csv('time_s,low_x,low_y,low_z,tip_x,tip_y,tip_z\n0,1,2,3,4,5,6\n')
+    truth = read_truth(path, NAMES, given={'M1': 'tip', 'M2': 'low'})
+    np.testing.assert_array_equal(truth.trajectory.positions, [[[4, 5, 6], [1, 2, 3]]])
+    with pytest.raises(Sesa2Error, match='none of M1, M2 is in it; there are low, tip'):
+        read_truth(path, NAMES)
 
 
 @pytest.mark.parametrize(
     ('text', 'message'),
     [
-        ('time_s,M1_x,M1_y,M1_z,m2_x,M2_y,M2_z\n', "no column M2_x; the nearest is '(m2_x|M2_y|M1_x)'"),
-        ('time,M1_x,M1_y,M1_z\n0,1,2,3\n', "no column time_s; the nearest is 'time'"),
-        ('time_s;M1_x;M1_y\n', 'must be separated by commas'),
-        ('', 'no column time_s; the first line is empty'),
-        (HEADER, 'has no samples below its header'),
-        (HEADER.replace('M1_y', 'M1_x'), '2 columns are called M1_x'),
-        (HEADER + '0,1,2,3,4,5,6\n0.1,1,2,x3,4,5,6\n', "truth.csv, line 3: M1_z is 'x3', expected a number"),
-        (HEADER + '0,1,2,inf,4,5,6\n', "line 2: M1_z is 'inf'"),
-        (HEADER + ',1,2,3,4,5,6\n', 'line 2: time_s is empty'),
-        (HEADER + '0,1,2\n1,1,2,3,4,5,6\n', 'line 2: fewer fields than the 7 columns'),
-        (HEADER + '0,,,,,,\n1,,,,,,\n', 'none of M1, M2 was seen in 2 samples'),
-        ('time_s,m1_x,m1_y,m1_z\n0,1,2,3\n', "no column M1_x; the nearest is 'm1_x'"),
+        (HEADER + '0,,,,,,\n1,,,,,,\n', 'none of M1, M2 was seen'),
+        ('time_s,M1_x,M1_y,M1_z,M1_w\n0,0,0,0,1\n', 'M1 has orientations and no positions'),
     ],
 )
-def test_refuses_and_says_where(csv, text, message):
-    with pytest.raises(EvaluationError, match=message):
-        read_csv(csv(text), NAMES)
+def test_refused(csv, text, message):
+    with pytest.raises(Sesa2Error, match=message):
+        read_truth(csv(text), NAMES)
 
 
-def test_refuses_what_is_no_text_file(csv, tmp_path):
-    with pytest.raises(EvaluationError, match=r'absent\.csv: No such file'):
-        read_csv(tmp_path / 'absent.csv', NAMES)
-    with pytest.raises(EvaluationError, match='not a CSV text file'):
-        read_csv(csv(HEADER, 'utf-16'), NAMES)
+def test_a_bag_of_one_topic_a_marker(tmp_path):
+    """A driver publishes a body only where it sees it, and bodies one after the other."""
+    messages = [('/vrpn/M1/pose', k, pose(1e7 * k, (k, 2, 3))) for k in range(5)]
+    messages += [('/vrpn/M2/pose', k, pose(1e7 * k, (4, 5, k))) for k in (0, 1, 4)]
+    truth = read_truth(write_topics(tmp_path / 'bag', messages), NAMES)
+    np.testing.assert_allclose(truth.trajectory.times, 0.01 * np.arange(5))
+    np.testing.assert_array_equal(truth.trajectory.positions[:, 0, 0], np.arange(5))
+    np.testing.assert_array_equal(truth.trajectory.positions[:, 1, 2], [0, 1, np.nan, np.nan, 4])
+    assert truth.frame == 'mocap'
+
+
+def test_markers_stamped_apart_are_brought_together(tmp_path):
+    messages = [('/M1', k, pose(1e9 + 1e7 * k, (k, 2, 3))) for k in range(5)]
+    messages += [('/M2', k, point(1e9 + 1e7 * k + 5e6, (4, 5, k + 0.5))) for k in range(-1, 5)]
+    truth = read_truth(write_topics(tmp_path / 'bag', messages, start=10**9), NAMES)
+    since = (truth.trajectory.times - 1.0) / 0.01
+    np.testing.assert_allclose(truth.trajectory.positions[:, 1, 2], since)
+    np.testing.assert_allclose(truth.trajectory.positions[1:-1, 0, 0], since[1:-1], atol=1e-6)
+    assert np.isnan(truth.trajectory.positions[[0, -1], 0]).all()
+    assert 'not seen at the same instants' in truth.notes[0]
+
+
+def arrays(tmp_path, topic, places):
+    """The first of them stands still."""
+    messages = []
+    for k in range(5):
+        now = [place if i == 0 else tuple(np.add(place, k)) for i, place in enumerate(places)]
+        messages.append((topic, k, pose(1e7 * k, *now, array=True)))
+    return write_topics(tmp_path / 'bag', messages)
+
+
+def test_the_poses_of_an_array_are_the_markers_in_order(tmp_path):
+    truth = read_truth(arrays(tmp_path, '/truth/markers', [(1, 2, 3), (4, 5, 6)]), NAMES)
+    np.testing.assert_array_equal(truth.trajectory.positions[0], [[1, 2, 3], [4, 5, 6]])
+
+
+def test_an_array_by_another_name_is_told_unless_it_was_asked_for(tmp_path):
+    path = arrays(tmp_path, '/poses', [(1, 2, 3), (4, 5, 6)])
+    [note] = read_truth(path, NAMES).notes
+    assert note == 'bag: the poses of /poses were taken for M1, M2, in this order'
+    assert read_truth(path, NAMES, topic='poses').notes == ()
+
+
+def test_one_that_stands_still_among_them_is_the_base(tmp_path):
+    truth = read_truth(arrays(tmp_path, '/poses', [(0, 0, 0), (1, 2, 3), (4, 5, 6)]), NAMES)
+    np.testing.assert_array_equal(truth.trajectory.positions[0], [[1, 2, 3], [4, 5, 6]])
+    assert 'bag: /poses[0] stands still: taken for the base' in truth.notes[0]
+
+
+def test_more_poses_than_markers_are_asked_about(tmp_path):
+    path = arrays(tmp_path, '/poses', [(0, 0, 0), (1, 2, 3), (4, 5, 6), (7, 8, 9)])
+    with pytest.raises(Sesa2Error, match=r'/poses has 4 poses, expected 2: M1, M2.*--marker M1=/poses\[0\]'):
+        read_truth(path, NAMES)
+    truth = read_truth(path, NAMES, given={'M1': '/poses[1]', 'M2': '/poses[3]'})
+    np.testing.assert_array_equal(truth.trajectory.positions[0], [[1, 2, 3], [7, 8, 9]])
+
+
+def test_markers_in_different_frames_are_refused(tmp_path):
+    messages = [('/M1', 0, pose(0, (1, 2, 3))), ('/M2', 0, pose(0, (1, 2, 3), frame='other'))]
+    with pytest.raises(Sesa2Error, match='in different frames: mocap, other'):
+        read_truth(write_topics(tmp_path / 'bag', messages), NAMES)

@@ -13,6 +13,7 @@ from std_srvs.srv import Trigger
 from virtual_arms import arm_of, halted, plausible
 
 from sesa2.configuration import files, validate
+from sesa2.link.clock import steady_ns
 from sesa2.link.serial_port import SerialPort
 from sesa2.nodes.serial_bridge import SerialBridge
 from sesa2.ros.qos import LATCHED, STREAM
@@ -114,9 +115,9 @@ def test_stamps_are_of_the_measurement(graph, bridge_on, boards):
     assert len(common) > 50
     np.testing.assert_array_equal(np.isin(np.array(common), (stamps[5] - 1_050_000) // 1000)[1:-1], True)
     # The arm moves: at its stamp, a sample is the truth, as near as the stamps are.
-    to_monotonic_ns = time.time_ns() - time.monotonic_ns()
+    to_steady_ns = time.time_ns() - steady_ns()
     for k, i in enumerate(IDS):
-        t = np.array([board.motion_time(int(s) - to_monotonic_ns) for s in stamps[i]])
+        t = np.array([board.motion_time(int(s) - to_steady_ns) for s in stamps[i]])
         true = board.arm.orientations(IDS, np.repeat(t[:, None], 3, 1), np.zeros(3))[:, k]
         cosine = np.abs((np.array([orientation(m) for m in messages[i]]) * true).sum(-1))
         # It turns by less than 2 rad/s, and stamps are better than 20 ms even on a busy machine.

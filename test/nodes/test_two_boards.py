@@ -1,7 +1,6 @@
 """One serial bridge on two virtual boards, sixteen IMUs on one arm: each at its own id, and each board for itself."""
 
 import threading
-import time
 from dataclasses import replace
 
 import numpy as np
@@ -13,6 +12,7 @@ from std_srvs.srv import Trigger
 from virtual_arms import arm_of, halted, plausible
 
 from sesa2.configuration import files
+from sesa2.link.clock import steady_ns
 from sesa2.link.virtual.virtual_board import VirtualBoard
 from sesa2.nodes.estimator import EstimatorNode
 from sesa2.nodes.serial_bridge import SerialBridge
@@ -39,7 +39,7 @@ def two(boards, tmp_path):
 
     def make(moving=False, **options):
         arm = arm_of(CONFIGURATION, None if moving else halted(POSE))
-        epoch_ns = time.monotonic_ns()
+        epoch_ns = steady_ns()
         options = {'boot_s': 0.2, 'calibration_s': 1.0} | options
         return [
             boards(arm, number=k, epoch_ns=epoch_ns, link=tmp_path / f'board{k}', **options) for k in (0, 1)

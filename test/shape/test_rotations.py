@@ -139,3 +139,13 @@ def test_of_one_sign_turns_signs_only(rng):
     assert (np.sum(got[:, 1:] * got[:, :-1], axis=-1) >= 0.0).all()
     np.testing.assert_array_equal(np.abs(got), np.abs(q))
     np.testing.assert_allclose(np.abs(np.sum(got * q, axis=-1)), 1.0, atol=1e-12)
+
+
+@pytest.mark.parametrize('angle', ANGLES)
+def test_quaternion_of_a_matrix(rng, angle):
+    axes = np.concatenate([np.eye(3), -np.eye(3), rng.normal(size=(200, 3))])
+    turn = Rotation.from_rotvec(angle * axes / np.linalg.norm(axes, axis=1, keepdims=True))
+    q = rotations.from_matrix(turn.as_matrix())
+    assert q.shape == (206, 4)
+    np.testing.assert_allclose((Rotation.from_quat(q) * turn.inv()).magnitude(), 0.0, atol=1e-15)
+    assert rotations.from_matrix(np.eye(3)).shape == (4,)

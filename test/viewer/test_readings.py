@@ -50,6 +50,22 @@ def test_what_was_said_long_ago_does_not_count():
     assert 'stopped' in state_html(old, True)
 
 
+def test_nodes_with_ever_new_names_fill_no_memory(monkeypatch):
+    now = 100.0
+    monkeypatch.setattr('sesa2.viewer.live.time.monotonic', lambda: now)
+    some = live()
+    for k in range(1000):
+        now = 100.0 + k
+        some.hear(
+            {f'node_{k}: part': Diagnostic(0, 'ok', {}, now), 'estimator: a': Diagnostic(0, 'ok', {}, now)}
+        )
+    assert len(some.diagnostics) <= 5
+    assert list(some.heard('estimator')) == ['a']
+    now += 10.0
+    some.hear({'player: bag': Diagnostic(0, 'playing', {}, now)})
+    assert set(some.diagnostics) == {'player: bag'}
+
+
 def test_complaints_are_shown_worst_first_and_as_text():
     text = complaints_html(
         live(

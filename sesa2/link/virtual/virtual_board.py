@@ -4,7 +4,6 @@ import contextlib
 import os
 import select
 import threading
-import time
 import tty
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future
@@ -13,6 +12,7 @@ from queue import SimpleQueue
 from random import Random
 from types import TracebackType
 
+from sesa2.link.clock import steady_ns
 from sesa2.link.link_errors import LinkError
 from sesa2.link.packets import VERSION
 from sesa2.link.requests import FIRMWARE
@@ -36,7 +36,7 @@ class VirtualBoard:
     number
         Which board it is, from 0: it has the IMUs with the ids from 8 · number + 1 on.
     epoch_ns
-        Time of `time.monotonic_ns` at which the motion begins; by default now. Boards on one arm share it.
+        Time of `sesa2.link.clock.steady_ns` at which the motion begins; by default now. Boards on one arm share it.
     link
         A symbolic link to make to the pseudo-terminal, whose own name changes whenever the cable is unplugged.
     calibration_s
@@ -83,7 +83,7 @@ class VirtualBoard:
         calibration_us = round(calibration_s * 1e6)
         ids = ids_by_board(arm.ids).get(number, ())
         self._chips = {i: Chip(Random(f'{seed} {i}'), calibration_us) for i in ids}
-        self._epoch_ns = time.monotonic_ns() if epoch_ns is None else epoch_ns
+        self._epoch_ns = steady_ns() if epoch_ns is None else epoch_ns
         self._orders: SimpleQueue[tuple[Callable[[], None], Future[None]]] = SimpleQueue()
         self._wake_out, self._wake_in = os.pipe()
         self._pty: tuple[int, int] | None = None
@@ -107,9 +107,9 @@ class VirtualBoard:
         """q_WL of the IMUs at times t of the motion, s: shape t.shape + (n_imu, 4)."""
         return self.arm.motion(t)  # type: ignore[arg-type]
 
-    def motion_time(self, monotonic_ns: float) -> float:
-        """Time of the motion, s, at a time of `time.monotonic_ns`."""
-        return (monotonic_ns - self._epoch_ns) / NS
+    def motion_time(self, at_ns: float) -> float:
+        """Time of the motion, s, at a time of `sesa2.link.clock.steady_ns`."""
+        return (at_ns - self._epoch_ns) / NS
 
     def motion_time_of(self, t_us: float) -> float:
         """Time of the motion, s, at a time of the board's clock, µs, of its latest start and at most an hour ago."""
@@ -181,7 +181,7 @@ class VirtualBoard:
         done.result()
 
     def _now_us(self) -> int:
-        return (time.monotonic_ns() - self._epoch_ns) // 1000
+        return (steady_ns() - self._epoch_ns) // 1000
 
     def _start(self, boot_us: int, cause: int = POWER_ON) -> None:
         self._born_us = self._now_us() + boot_us

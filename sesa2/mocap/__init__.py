@@ -1,0 +1,1 @@
+"""What motion capture systems export: who was where, and when."""
