@@ -24,7 +24,7 @@ from sesa2.estimation.sweeps import Sweep
 from sesa2.messages.imu_messages import read_imu
 from sesa2.messages.results import TYPES, ResultMessages
 from sesa2.messages.robot import describe_robot
-from sesa2.messages.topic_names import CONFIGURATION, imu_data, imu_name, of_model
+from sesa2.messages.topic_names import CONFIGURATION, imu_name, imu_topics, of_model
 from sesa2.ros.diagnostics import ERROR, OK, WARN, Diagnostics, Part
 from sesa2.ros.parameters import declare_configuration
 from sesa2.ros.qos import ANY_STREAM, LATCHED, STREAM
@@ -85,10 +85,11 @@ class EstimatorNode(rclpy.node.Node):
 
         imus = self.configuration.imus
         self._ids = imus.all_ids
+        self._imu_topics = imu_topics(self.configuration)
         # Our own bridge and player are reliable; with other people's drivers anything that can be heard will do.
         qos = ANY_STREAM if self.configuration.run.source == 'external' else STREAM
         self._subscriptions_of_imus = [
-            self.create_subscription(Imu, imu_data(i), self._take(index), qos, raw=True)
+            self.create_subscription(Imu, self._imu_topics[i], self._take(index), qos, raw=True)
             for index, i in enumerate(self._ids)
             if i in imus.used_ids
         ]
@@ -210,7 +211,7 @@ class EstimatorNode(rclpy.node.Node):
                 parts.append((imu_name(imu), OK, 'not enabled; interpolated from its neighbours', {}))
                 continue
             rate = (self.received[imu] - before[1][imu]) / elapsed
-            publishers = self.count_publishers(imu_data(imu))
+            publishers = self.count_publishers(self._imu_topics[imu])
             level, text = OK, f'{rate:.1f} Hz'
             if publishers > 1:
                 level, text = (

@@ -18,7 +18,7 @@ from sesa2.configuration import ConfigurationError, Mistake, files
 from sesa2.errors import Sesa2Error
 from sesa2.messages.imu_messages import without_acceleration
 from sesa2.messages.results import TYPES
-from sesa2.messages.topic_names import CONFIGURATION, imu_calibration, imu_data, of_model
+from sesa2.messages.topic_names import CONFIGURATION, imu_calibration, imu_topics, of_model
 from sesa2.ros.diagnostics import ERROR, OK, Diagnostics, Part
 from sesa2.ros.parameters import declare_configuration
 from sesa2.ros.qos import ANY_STREAM, EVERY_LATCHED, STREAM
@@ -63,9 +63,9 @@ class Recorder(rclpy.node.Node):
         )
         self._bag.flush()
         qos = ANY_STREAM if c.run.source == 'external' else STREAM
-        for i in c.imus.all_ids:
+        for i, topic in imu_topics(c).items():
             if c.record.imu:
-                self._subscribe(Imu, 'sensor_msgs/msg/Imu', imu_data(i), qos)
+                self._subscribe(Imu, 'sensor_msgs/msg/Imu', topic, qos)
             self._subscribe(
                 ImuCalibration, 'sesa2_msgs/msg/ImuCalibration', imu_calibration(i), EVERY_LATCHED
             )

@@ -81,7 +81,7 @@ class System:
             if configuration.run.source == 'bag':
                 # Seen before the recorder makes a bag that nothing would go into.
                 with open_recording(configuration.run.bag) as recording:
-                    ImuRecording(recording)
+                    ImuRecording(recording, configuration)
             self._options = {'parameter_overrides': overrides(configuration), 'use_global_arguments': False}
             for make in _wanted(configuration):
                 self._keep(make(**self._options))

@@ -46,6 +46,7 @@ _ARM = {
         'arm.radius': 'radius [m]',
         'arm.base_orientation': 'base q_WB xyzw',
         'arm.output_frame': 'results in',
+        'arm.frame_prefix': 'frames begin with',
     },
     'Links': {
         'links': 'links of a curve',
@@ -59,6 +60,7 @@ _ARM = {
         'imus.heading_filter': 'heading filter',
     },
 }
+_TOPICS = {'imus.topics': 'instead of imu_<id>/data'}
 _BASE_IMU = {'imus.base_id': 'IMU id, 0: none', 'imus.base_mount_orientation': 'mounting xyzw'}
 
 
@@ -106,6 +108,7 @@ class Form:
             with self._imu_tab:
                 self._add_imus(c)
                 self._add_folder('IMU on the base', _BASE_IMU, expand=False)
+                self._add_folder('Topics', _TOPICS, expand=False)
             self.check()
 
     def take_alignment(self, c: Configuration) -> None:
