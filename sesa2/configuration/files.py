@@ -1,5 +1,6 @@
 """The configuration's file: a ROS 2 parameter file, in YAML."""
 
+import os
 import sys
 from pathlib import Path
 from typing import Any
@@ -8,6 +9,7 @@ import yaml
 
 from sesa2.configuration.records import Configuration
 from sesa2.configuration.validation import ConfigurationError, Mistake, validate
+from sesa2.errors import Sesa2Error
 
 
 def find(name: str) -> Path:
@@ -26,15 +28,32 @@ def find(name: str) -> Path:
     path = Path(name)
     if path.is_file():
         return path
-    shipped = {p.stem: p for folder in _shipped_folders() for p in sorted(folder.glob('*.yaml'))}
-    if name in shipped:
-        return shipped[name]
+    named = shipped()
+    if name in named:
+        return named[name]
     if path.is_dir():
         raise ConfigurationError([Mistake('', 'is a folder, expected a file')], name)
-    known = ', '.join(shipped) or 'none'
+    known = ', '.join(named) or 'none'
     raise ConfigurationError(
         [Mistake('', f'no such file, nor a shipped configuration (there are: {known})')], name
     )
+
+
+def shipped() -> dict[str, Path]:
+    """The shipped configurations by name."""
+    return {p.stem: p for folder in _shipped_folders() for p in sorted(folder.glob('*.yaml'))}
+
+
+def origin(name: str) -> Path:
+    """The file beside which what becomes of a configuration is saved: of a shipped one, as if it were in this folder.
+
+    Parameters
+    ----------
+    name
+        as `find` takes it.
+    """
+    path = find(name)
+    return path.resolve() if path == Path(name) else Path.cwd() / path.name
 
 
 def _shipped_folders() -> list[Path]:
@@ -150,6 +169,34 @@ def dump(configuration: Configuration) -> str:
     return yaml.dump(
         {'/**': {'ros__parameters': values}}, Dumper=_Dumper, sort_keys=False, width=120, allow_unicode=True
     )
+
+
+def save(path: Path, text: str, instead_of: str = '') -> None:
+    """Write a new file, whole or not at all.
+
+    Parameters
+    ----------
+    path
+        of the file; what is there is never lost.
+    text
+        what `dump` gives.
+    instead_of
+        a file that holds just this may be replaced.
+
+    Raises
+    ------
+    Sesa2Error
+        there is another file, or it cannot be written.
+    """
+    beside = path.with_name(f'.{path.name}.{os.getpid()}.partial')
+    try:
+        if path.exists() and path.read_text('utf-8') != instead_of:
+            raise Sesa2Error(f'{path} is there already and was not saved by this node; move it away first')
+        beside.write_text(text, encoding='utf-8')
+        beside.replace(path)
+    except (OSError, UnicodeDecodeError) as error:
+        beside.unlink(missing_ok=True)
+        raise Sesa2Error(f'{path}: cannot be written: {getattr(error, "strerror", None) or error}') from None
 
 
 def _plain(value: Any) -> Any:

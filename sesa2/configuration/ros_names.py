@@ -2,7 +2,7 @@
 
 import re
 
-_TOKEN = r'[A-Za-z_](?!_)(?:[A-Za-z0-9]|_(?!_))*'
+_TOKEN = '[A-Za-z_][A-Za-z0-9_]*'
 _TOPIC = re.compile(rf'/?{_TOKEN}(?:/{_TOKEN})*')
 _PREFIX = re.compile(r'(?:[A-Za-z][A-Za-z0-9_/]*)?')
 

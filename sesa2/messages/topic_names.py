@@ -2,6 +2,7 @@
 
 from sesa2.configuration import Configuration
 
+CLOCK = '/clock'
 CONFIGURATION = 'configuration'
 DIAGNOSTICS = '/diagnostics'
 TRUTH_MARKERS = 'truth/markers'

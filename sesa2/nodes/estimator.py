@@ -10,6 +10,8 @@ import numpy as np
 import rclpy.node
 from geometry_msgs.msg import PoseArray, PoseStamped
 from nav_msgs.msg import Path
+from rcl_interfaces.msg import SetParametersResult
+from rclpy.parameter import Parameter
 from sensor_msgs.msg import Imu, JointState
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
@@ -26,7 +28,7 @@ from sesa2.messages.results import TYPES, ResultMessages
 from sesa2.messages.robot import describe_robot
 from sesa2.messages.topic_names import CONFIGURATION, imu_name, imu_topics, of_model
 from sesa2.ros.diagnostics import ERROR, OK, WARN, Diagnostics, Part
-from sesa2.ros.parameters import declare_configuration
+from sesa2.ros.parameters import declare_configuration, origin_of
 from sesa2.ros.qos import ANY_STREAM, LATCHED, STREAM
 from sesa2.ros.spinning import run_alone
 from sesa2.shape.rotations import FloatArray
@@ -36,6 +38,9 @@ from sesa2.time import NS
 _POSE_NS = 3 * NS
 # How often the clock is looked at for sweeps that need not wait any longer.
 _LOOK_EVERY_NS = NS // 20
+
+# What an alignment changes.
+_ALIGNED = ('imus.mount_orientations', 'imus.headings')
 
 _CLASSES = {
     'joint_states': JointState,
@@ -63,7 +68,9 @@ class EstimatorNode(rclpy.node.Node):
 
     def __init__(self, **options: Any):
         super().__init__('estimator', automatically_declare_parameters_from_overrides=True, **options)
-        self.configuration = declare_configuration(self)
+        self.configuration = declare_configuration(self, changing=_ALIGNED)
+        self._origin = origin_of(self)
+        self._saved = ''  # as written last
         self._estimator = Estimator(self.configuration)
         self.assembler = self._estimator.assembler()
         self.latest: Estimate | None = None
@@ -104,6 +111,9 @@ class EstimatorNode(rclpy.node.Node):
             self.create_service(Trigger, '~/align', partial(self._align, headings=False)),
             self.create_service(Trigger, '~/align_headings', partial(self._align, headings=True)),
         ]
+        self._save_service = self.create_service(Trigger, '~/save', self._save)
+        self._aligning = False
+        self.add_on_set_parameters_callback(self._refuse_from_outside)
         self._watchdog = self.create_timer(_LOOK_EVERY_NS / NS, self._close_overdue)
         self._diagnostics = Diagnostics(self, 'arm', self._report)
 
@@ -180,7 +190,42 @@ class EstimatorNode(rclpy.node.Node):
         self.configuration = self.aligned = c.with_alignment(found.mountings, found.headings)
         self._estimator = Estimator(self.configuration)
         self._publish_configuration()
+        self._show_alignment()
         response.success, response.message = True, self._told(found, headings)
+        return response
+
+    def _show_alignment(self) -> None:
+        """The parameters say what is in force."""
+        flat = self.configuration.flat()
+        self._aligning = True
+        self.set_parameters([Parameter(path, value=list(flat[path])) for path in _ALIGNED])
+        self._aligning = False
+
+    def _refuse_from_outside(self, parameters: list[Parameter]) -> SetParametersResult:
+        if self._aligning or not any(p.name in _ALIGNED for p in parameters):
+            return SetParametersResult(successful=True)
+        return SetParametersResult(successful=False, reason='read-only: estimator/align changes it')
+
+    def _save(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        """`~/save`: the configuration as it is in force, beside the file that it came from, which stays as it is."""
+        del request
+        if self._origin is None:
+            response.message = (
+                'it is not known which file the configuration came from; `sesa2 run --config FILE` and '
+                '--params-file FILE tell'
+            )
+            return response
+        path = self._origin.with_name(f'{self._origin.stem}_aligned.yaml')
+        text = files.dump(self.configuration)
+        try:
+            files.save(path, text, instead_of=self._saved)
+        except Sesa2Error as error:
+            response.message = str(error)
+            return response
+        replaced = ', in place of what was saved there before' if self._saved else ''
+        self._saved = text
+        response.success = True
+        response.message = f'saved in {path}{replaced}; {self._origin} stays as it is'
         return response
 
     def _told(self, found: Alignment, headings: bool) -> str:

@@ -14,7 +14,7 @@ from sesa2.bags.recording import open_recording
 from sesa2.configuration import ConfigurationError, Mistake
 from sesa2.errors import Sesa2Error
 from sesa2.estimation.time_steps import BACK_NS
-from sesa2.messages.topic_names import imu_data, imu_topics
+from sesa2.messages.topic_names import CLOCK, imu_data, imu_topics
 from sesa2.ros.diagnostics import OK, Diagnostics, Part
 from sesa2.ros.parameters import declare_configuration
 from sesa2.ros.qos import STREAM
@@ -54,7 +54,7 @@ class Player(rclpy.node.Node):
         }
         used = self.configuration.imus.used_ids
         self._awaited = [p for i, p in self._publishers_of_imus.items() if i in used]
-        self._clock_publisher = self.create_publisher(Clock, '/clock', 10) if self._run.clock else None
+        self._clock_publisher = self.create_publisher(Clock, CLOCK, 10) if self._run.clock else None
         self._clock_ns = 0
         self.finished = False
         self.failure: Sesa2Error | None = None

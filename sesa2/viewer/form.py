@@ -1,7 +1,7 @@
 """The whole configuration as a form in three tabs: every parameter, in plain words, checked as it is typed."""
 
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from itertools import count
 from typing import Any
 
@@ -73,10 +73,17 @@ class Form:
         of the page.
     tabs
         where the form goes.
+    refused
+        what else is wrong with a valid configuration that was typed here.
     """
 
-    def __init__(self, gui: viser.GuiApi, tabs: viser.GuiTabGroupHandle):
-        self._gui = gui
+    def __init__(
+        self,
+        gui: viser.GuiApi,
+        tabs: viser.GuiTabGroupHandle,
+        refused: Callable[[Configuration], Iterable[Mistake]],
+    ):
+        self._gui, self._refused = gui, refused
         self._run_tab = tabs.add_tab('Run')
         self._arm_tab = tabs.add_tab('Arm')
         self._imu_tab = tabs.add_tab('IMUs')
@@ -137,9 +144,12 @@ class Form:
             chosen = [name for name, box in self._models.items() if box.value]
             flat['models'] = chosen
             _shorten(flat)
+            c: Configuration | None
+            mistakes: tuple[Mistake, ...]
             try:
                 c = validate(nested(flat), 'form')
-                mistakes: tuple[Mistake, ...] = ()
+                mistakes = tuple(self._refused(c))
+                c = None if mistakes else c
             except ConfigurationError as error:
                 c, mistakes = None, error.mistakes
             if not chosen:
