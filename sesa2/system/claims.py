@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import rclpy
+from rclpy.topic_endpoint_info import TopicEndpointInfo
 from std_msgs.msg import Empty
 
 from sesa2.configuration import Configuration
@@ -145,7 +146,7 @@ def claimed_topics(c: Configuration) -> list[str]:
     return topics
 
 
-def _participant(info: rclpy.node.TopicEndpointInfo) -> bytes:
+def _participant(info: TopicEndpointInfo) -> bytes:
     return bytes(info.endpoint_gid[:_PARTICIPANT_BYTES])
 
 
@@ -155,7 +156,7 @@ def _machine() -> str:
     return f'{kernel}{Path("/proc/self/ns/pid").stat().st_ino:x}'
 
 
-def _sentence(topic: str, info: rclpy.node.TopicEndpointInfo, is_run: bool, everywhere: bool) -> str:
+def _sentence(topic: str, info: TopicEndpointInfo, is_run: bool, everywhere: bool) -> str:
     node = f'the node {info.node_namespace.rstrip("/")}/{info.node_name}'
     who = 'a node' if info.node_name == _NO_NAME else node
     whose = 'another `sesa2 run`' if is_run else 'another program'
