@@ -149,7 +149,7 @@ class ImuRecording:
         heard = len(c.imus.used_ids) - len(self.absent)
         if heard == 0 and not self.unknown:
             raise Sesa2Error(f'{self._recording.path}: the IMUs with samples are disabled')
-        if self.unknown and len(self.absent) >= heard:
+        if self.unknown and len(self.absent) > heard:
             what = 'configured IMUs' if heard == 0 else 'IMUs'
             raise Sesa2Error(
                 f'{self._recording.path}: no message of the {what} {_listed(self.absent)}; it has topics of '
