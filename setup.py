@@ -29,7 +29,7 @@ setup(
         'cobs>=1.2',
         'PyYAML>=6.0',
         'rosbags>=0.11.7',
-        'mcap>=1.5',
+        'mcap>=1.5',  # with lz4 and zstandard, which it compresses with
     ],
     extras_require={
         'ros': ROS,
@@ -37,11 +37,13 @@ setup(
         'report': ['matplotlib>=3.8'],
         'viewer': ['viser>=1.1,<2'],
         'sim': ['pyelastica>=1.0', 'scipy>=1.11'],
+        'mat': ['scipy>=1.11'],
         'test': [
             'pytest>=8',
             'hypothesis>=6.100',
             'scipy>=1.11',
             'c3d>=0.5',
+            'evo>=1.28',
             'playwright>=1.40',
             'yourdfpy>=0.0.56',
         ],

@@ -106,7 +106,7 @@ def rows(seconds=60.0):
     yield f'live {seconds:.0f} s, sweeps without a result', sum(stamp not in heard for stamp in asked), '', 0
     yield 'live, processor time of bridge and estimator', 100 * measured['cpu'], '% of a core', 50
     yield 'live, byte read to joint state received, median', float(np.median(late)), 'ms', None
-    yield 'live, byte read to joint state received, p99', float(np.percentile(late, 99)), 'ms', 5
+    yield 'live, byte read to joint state received, p99', float(np.percentile(late, 99)), 'ms', 2
 
 
 if __name__ == '__main__':

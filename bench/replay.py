@@ -14,10 +14,10 @@ sys.path.insert(0, str(ROOT / 'test/bags'))
 from twin_recording import write_twin_recording  # noqa: E402  # the same recording as the tests'
 
 
-def timed(arguments):
-    """Wall time, s, and peak memory, MB, of a command."""
+def timed(arguments, root=ROOT):
+    """Wall time, s, and peak memory, MB, of a command of the checkout `root`."""
     began = time.perf_counter()
-    process = subprocess.Popen(arguments, stdout=subprocess.DEVNULL)
+    process = subprocess.Popen(arguments, stdout=subprocess.DEVNULL, cwd=root)
     _, status, usage = os.wait4(process.pid, 0)
     if status:
         raise SystemExit(f'{arguments} failed')

@@ -5,6 +5,7 @@ import os
 from itertools import chain
 from pathlib import Path
 
+import hour
 import live
 import replay
 import shape
@@ -20,7 +21,11 @@ def main():
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('--seconds', type=float, default=60.0, help='length of each live measurement')
-    seconds = parser.parse_args().seconds
+    parser.add_argument(
+        '--beside', type=Path, metavar='CHECKOUT', help='replay the hour with this other version too, in turn'
+    )
+    options = parser.parse_args()
+    seconds = options.seconds
     before = busy()
     show('figure', 'measured', 'peer or target', 'ratio')
     show('---', '---', '---', '---')
@@ -47,6 +52,8 @@ def main():
             show(figure, f'{value:.1f} ×', f'≥ {target} × real time' if target else 'does not grow', '')
     else:
         show('replay', 'not measured', f'{data} is absent', '')
+    for figure, value, unit, target in hour.rows(options.beside and options.beside.resolve()):
+        show(figure, f'{value:.0f} {unit}', target, '')
     for figure, value, limit in firmware.rows():
         show(figure, value, limit, '')
     for figure, value, unit, limit in chain(live.rows(seconds), viewer.rows(seconds)):

@@ -8,6 +8,8 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from sesa2.bags.array_files import write_arrays
+    from sesa2.bags.estimate_arrays import EstimateArrays, ModelArrays, read_estimate
     from sesa2.bags.replay import replay
     from sesa2.configuration import Configuration, ConfigurationError
     from sesa2.configuration.files import load_configuration
@@ -32,12 +34,14 @@ __all__ = [
     'Configuration',
     'ConfigurationError',
     'Estimate',
+    'EstimateArrays',
     'Estimator',
     'GeometryError',
     'Kinematics',
     'Layout',
     'Measured',
     'Model',
+    'ModelArrays',
     'ModelOptions',
     'ModelResult',
     'Sesa2Error',
@@ -48,7 +52,9 @@ __all__ = [
     'evaluate',
     'load_configuration',
     'parameter',
+    'read_estimate',
     'replay',
+    'write_arrays',
 ]
 
 _HOMES = {
@@ -57,12 +63,14 @@ _HOMES = {
     'Configuration': 'configuration',
     'ConfigurationError': 'configuration',
     'Estimate': 'estimation.estimator',
+    'EstimateArrays': 'bags.estimate_arrays',
     'Estimator': 'estimation.estimator',
     'GeometryError': 'shape.arm',
     'Kinematics': 'shape.kinematics.coordinates',
     'Layout': 'shape.layout',
     'Measured': 'shape.measured',
     'Model': 'shape.model',
+    'ModelArrays': 'bags.estimate_arrays',
     'ModelOptions': 'shape.options',
     'ModelResult': 'estimation.estimator',
     'Sesa2Error': 'errors',
@@ -72,7 +80,9 @@ _HOMES = {
     'evaluate': 'evaluation.bag_evaluation:evaluate_bag',
     'load_configuration': 'configuration.files',
     'parameter': 'shape.options',
+    'read_estimate': 'bags.estimate_arrays',
     'replay': 'bags.replay',
+    'write_arrays': 'bags.array_files',
 }
 
 

@@ -7,6 +7,7 @@ import sys
 from collections.abc import Sequence
 
 from sesa2.errors import Sesa2Error
+from sesa2.faults import fault_line, log_tracebacks
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -17,7 +18,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Exit code: 0 done, 1 failed with a message on standard error, 2 wrong usage.
     """
     # Line by line also into a pipe, so that what was said before a kill is there.
-    sys.stdout.reconfigure(line_buffering=True)  # type: ignore[union-attr]
+    # A terminal that lacks a character gets it escaped.
+    sys.stdout.reconfigure(line_buffering=True, errors='backslashreplace')  # type: ignore[union-attr]
+    log_tracebacks()
     try:
         options = _parser().parse_args(arguments)
         return options.command(options)
@@ -30,11 +33,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         print('interrupted', file=sys.stderr)
         return 128 + signal.SIGINT
+    except Exception as error:
+        print(f'error: {fault_line(error)}; SESA2_DEBUG=1 shows where it came from', file=sys.stderr)
+        return 1
 
 
 def _parser() -> argparse.ArgumentParser:
     # Here, so that Ctrl-C while the libraries are loaded ends it as at any other time.
-    from sesa2.commands import align, board, budget, check, evaluate, replay, run, twin, view
+    from sesa2.commands import align, board, budget, check, evaluate, export, replay, run, twin, view
 
     parser = argparse.ArgumentParser(
         prog='sesa2', description='Shape of a soft continuum arm from the orientations of IMUs along it.'
@@ -46,6 +52,7 @@ def _parser() -> argparse.ArgumentParser:
         ('replay', replay, 'the estimator over a whole recording, as fast as the machine can'),
         ('align', align, 'mountings and headings from a recording'),
         ('evaluate', evaluate, 'error against motion capture'),
+        ('export', export, 'results as CSV, npz, mat or TUM trajectories'),
         ('view', view, 'a recording as one page with a time line'),
         ('budget', budget, 'the error to expect at each marker, by source'),
         ('twin', twin, 'a simulated trial, with the truth'),

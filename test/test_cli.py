@@ -380,13 +380,20 @@ def test_run_goes_on_without_offsets_of_an_imu_and_says_so(config, tmp_path):
     assert 'has no offsets of IMU 5: not calibrated' in program.errors
 
 
-def test_run_ends_when_the_disk_is_full(config, tmp_path):
+def test_a_full_disk_ends_the_recording_and_the_run_goes_on(config, tmp_path):
     def small_disk():
         resource.setrlimit(resource.RLIMIT_FSIZE, (200_000, 200_000))
 
     arguments = ('run', '--config', config(), '--source', 'sim', '--record', tmp_path / 'out')
     with command(tmp_path, *arguments, preexec_fn=small_disk) as program:
-        assert failed_clearly(program, 'out_0.mcap: cannot be written: File too large')
+        full = 'out_0.mcap: cannot be written: File too large'
+        program.until(lambda: f'{full}; the others go on' in program.errors, 'the end of the recording')
+        lines = len(program.output.splitlines())
+        program.until(lambda: len(program.output.splitlines()) > lines + 1, 'a line more each second')
+        program.signal(signal.SIGINT)
+        assert failed_clearly(program, full)
+    with open_recording(tmp_path / 'out') as recording:
+        assert sum(1 for _ in recording.messages()) > 100
 
 
 # board

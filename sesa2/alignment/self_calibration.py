@@ -9,7 +9,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sesa2.alignment.shape_prior import INDEPENDENCE_TIME, TWIST, ShapePrior, likelier_twist
+from sesa2.alignment.heading_filter import DRIFT_STD, DRIFT_TIME
+from sesa2.alignment.joint_estimate import HeadingWindows, JointEstimate
+from sesa2.alignment.shape_prior import INDEPENDENCE_TIME
 from sesa2.errors import Sesa2Error
 from sesa2.sensing.imu.mounting import Mounting
 from sesa2.shape.layout import Layout
@@ -24,21 +26,20 @@ from sesa2.shape.rotations import (
     wrap,
 )
 
-# What is expected of an arm put together with care, rad. The widths are learnt from all IMUs together, in which these
-# count as much as so many parameters.
+# What is expected of an arm put together with care, rad.
 MOUNTING_STD = np.deg2rad(1.5)
 HEADING_STD = np.deg2rad(5.0)
-_COUNTS_AS = 6
 
 MIN_SECONDS = 10.0
 MIN_SHAPES = 20
 MAX_FRAMES = 250
 _MAX_TRIED = 5000
 _DISTINCT = np.deg2rad(5.0)
-_ITERATIONS = 25
-_SETTLED = np.deg2rad(0.003)
 _TOLD = 0.7
-# Simulated arms have a misfit of 0.1 to 0.2; with two IMUs exchanged 0.2 to 0.8 where they bend little, else 0.4 to 3.
+# Of a heading about its mean, against what a sound chip's wanders by: of each, and of all together (as the mean of n).
+_MOST_WANDER = 2.5
+_MOST_TOGETHER = 1.5
+# Simulated arms have a misfit of 0.05 to 0.2; with two IMUs exchanged 0.4 where they bend little, up to 4 else.
 _NO_FIT = 1.0
 _FAR_OFF = np.deg2rad(45.0)  # the solver itself finds back from nearer
 
@@ -65,9 +66,13 @@ class SelfCalibration(NamedTuple):
     expected : (4,)
         errors expected of an IMU that the motion tells nothing of, one standard deviation: of an arm put together
         with care, or as learnt from all IMUs where they are larger.
+    drift : (n_windows, n_imu)
+        what each heading changed by about its mean while the recording lasted, rad.
+    windows
+        in which that was taken as constant.
     misfit
         squared disagreement of the typical frame with every smooth shape, per measured value and its assumed variance:
-        0.1 to 0.2 where the configuration is right.
+        0.05 to 0.2 where the configuration is right.
     twist
         standard deviation of the twist of the whole arm, as learnt, rad.
     shapes
@@ -81,6 +86,8 @@ class SelfCalibration(NamedTuple):
     corrections: FloatArray
     std: FloatArray
     expected: FloatArray
+    drift: FloatArray
+    windows: HeadingWindows
     misfit: float
     twist: float
     shapes: int
@@ -90,6 +97,37 @@ class SelfCalibration(NamedTuple):
     def told(self) -> np.ndarray:
         """Whether the motion has told each correction: less than half the expected variance is left; (n_imu, 4)."""
         return self.std < _TOLD * self.expected
+
+    @property
+    def wander(self) -> FloatArray:
+        """Root mean square of each IMU's drift over the recording, (n_imu,), rad."""
+        return np.sqrt(self.windows.share @ self.drift**2)
+
+    def disturbance(self, ids: Sequence[int]) -> str | None:
+        """Why the headings are no constants that could be taken off, by the IMUs' ids; None where they are.
+
+        A mean would put a part of an error that lasts half of the recording into all of it. The IMUs wander each on
+        its own; what all do together weighs more, since it turns the whole arm against its base.
+        """
+        usual = DRIFT_STD * np.sqrt(min(1.0, self.seconds / DRIFT_TIME))
+        large = [
+            f'IMU {i} by {np.rad2deg(a):.0f}°'
+            for i, a in zip(ids, self.wander, strict=True)
+            if a > _MOST_WANDER * usual
+        ]
+        shared = self.drift.mean(axis=1)
+        together = float(np.sqrt(self.windows.share @ shared**2))
+        if not large and together > _MOST_TOGETHER * usual / np.sqrt(len(ids)):
+            large = [
+                f'IMU {", ".join(map(str, ids))} together, against the base, by {np.rad2deg(together):.1f}°'
+            ]
+        if not large:
+            return None
+        steps = np.abs(np.diff(self.drift, axis=0)).max(axis=1)
+        return (
+            f'headings changed within the recording: {", ".join(large)} rms about the mean, most of it about '
+            f'{self.windows.begins[1 + np.argmax(steps)]:.0f} s into it: a magnetic disturbance?'
+        )
 
     def untold(self, ids: Sequence[int]) -> list[str]:
         """What the motion was too poor to tell: a line for each IMU that has such, by its id."""
@@ -120,8 +158,10 @@ def self_calibrate(
 ) -> SelfCalibration:
     """Estimate every IMU's mounting and heading.
 
-    Corrections β and the curvature of every frame are found jointly by Gauss–Newton, the curvature marginalised in the
-    normal equations of β; the prior's widths and the twist are learnt on the way (empirical Bayes).
+    Corrections β, what the headings change by from window to window and the curvature of every frame are found jointly
+    by Gauss–Newton, the curvature marginalised in the normal equations of the others; the prior's widths and the twist
+    are learnt on the way (empirical Bayes). Headings that change so much that their mean is no correction are found as
+    well as others: `disturbance` tells.
 
     Parameters
     ----------
@@ -171,20 +211,24 @@ def self_calibrate(
             f'the arm took {len(chosen)} shapes that differ by more than {np.rad2deg(_DISTINCT):.0f}° somewhere, '
             f'expected at least {MIN_SHAPES}: move it more'
         )
-    solver = _Solver(layout, links[chosen], there[chosen], bases[chosen], (mounting_std, heading_std))
+    windows = HeadingWindows.of(stamps[tried], np.array(chosen))
+    expected = mounting_std, heading_std
+    solver = JointEstimate(layout, links[chosen], there[chosen], bases[chosen], windows, expected)
     solver.weight = min(1.0, seconds / INDEPENDENCE_TIME / len(chosen))
     solver.solve()
     if solver.misfit > _NO_FIT:
         raise CalibrationError(
-            f'no smooth shape agrees with these IMUs (misfit {solver.misfit:.1f}, expected 0.1 to 0.2): '
+            f'no smooth shape agrees with these IMUs (misfit {solver.misfit:.1f}, expected 0.05 to 0.2): '
             'check their ids, positions and mountings; are two exchanged?'
         )
-    beta = solver.beta + np.outer(coarse, [0.0, 0.0, 0.0, 1.0])
+    beta = solver.corrections + np.outer(coarse, [0.0, 0.0, 0.0, 1.0])
     return SelfCalibration(
         mountings=multiply(from_rotation_vector(beta[:, :3]), mountings),
         headings=wrap(headings + beta[:, 3]),
         corrections=beta,
-        std=np.sqrt(np.diag(solver.covariance)).reshape(-1, 4),
+        std=solver.std,
+        drift=solver.drift - windows.share @ solver.drift,
+        windows=windows,
         expected=solver.expected,
         misfit=solver.misfit,
         twist=solver.twist,
@@ -228,78 +272,3 @@ def _distinct_shapes(links: FloatArray, bases: FloatArray) -> list[int]:
             if len(chosen) == MAX_FRAMES:
                 break
     return chosen
-
-
-class _Solver:
-    """The joint estimate. With β = (μ, ψ) of an IMU, its link is oriented as q_WL = Rz(−ψ) ⊗ measured ⊗ exp(−μ)."""
-
-    def __init__(
-        self,
-        layout: Layout,
-        links: FloatArray,
-        measured: np.ndarray,
-        bases: FloatArray,
-        expected: tuple[float, float],
-    ):
-        n_imu = links.shape[1]
-        self._prior = ShapePrior(layout)
-        self._links, self._measured, self._bases = links, measured, bases
-        self._rows = 3 * measured.sum(axis=-1)
-        self._heard = measured.any(axis=0)
-        self._nominal = np.square([expected[0]] * 3 + [expected[1]])
-        self._prior_variances = self._nominal
-        self.beta = np.zeros((n_imu, 4))
-        self.covariance = np.diag(np.tile(self._nominal, n_imu))
-        self.twist = TWIST
-        self.misfit = np.inf
-        self.weight = 1.0
-        self._curvature = self._prior.first_guess(links, bases)
-
-    @property
-    def expected(self) -> FloatArray:
-        return np.sqrt(np.maximum(self._nominal, self._prior_variances))
-
-    def solve(self) -> None:
-        for iteration in range(_ITERATIONS):
-            step = self._step(learn=iteration > 1)
-            if iteration > 4 and np.abs(step).max() < _SETTLED:
-                break
-
-    def _step(self, learn: bool) -> FloatArray:
-        n, n_imu = self._links.shape[:2]
-        unturn = Mounting(from_rotation_vector(self.beta[:, :3]), self.beta[:, 3])
-        y, J, shape = self._prior.linearise(
-            self._curvature, unturn.link_orientations(self._links), self._bases
-        )
-        marginal = self._prior.marginalise(J, self._measured, self.twist)
-        # d = H β: mountings turn about the link's axes, headings about the world's z.
-        H = np.zeros((n, 3 * n_imu, 4 * n_imu))
-        each, per_imu = np.arange(n_imu), H.reshape(n, n_imu, 3, n_imu, 4)
-        per_imu[:, each, :, each, :3] = rotate(shape[:, :, None], np.eye(3)).transpose(1, 0, 3, 2)
-        per_imu[:, each, 2, each, 3] = 1.0
-        WH = marginal.precision @ H
-        Wy = np.einsum('nrs,ns->nr', marginal.precision, y)
-        # A frame that fits nothing, from a damaged sample, is weighted down.
-        misfit = np.einsum('nr,nr->n', y, Wy) / self._rows
-        self.misfit = float(np.median(misfit))
-        trust = 1.0 / np.maximum(misfit, 1.0)
-        scaled = self.weight * trust[:, None, None] * WH
-        information = np.einsum('nri,nrj->ij', H, scaled)
-        precision = np.diag(1.0 / np.tile(self._prior_variances, n_imu))
-        self.covariance = np.linalg.inv(information + precision)
-        beta = self.beta.ravel()
-        step = self.covariance @ (np.einsum('nri,nr->i', scaled, y) - precision @ beta)
-        self.beta = (beta + step).reshape(n_imu, 4)
-        weighed = Wy - WH @ step
-        self._curvature = self._prior.most_likely(J, weighed, self.twist)
-        if learn:
-            self.twist = likelier_twist(self.twist, marginal, np.sqrt(trust)[:, None] * weighed)
-            self._learn_widths()
-        return step
-
-    def _learn_widths(self) -> None:
-        """Expectation step for the prior's widths, over the IMUs that were heard."""
-        seen = (self.beta**2 + np.diag(self.covariance).reshape(-1, 4))[self._heard]
-        mounting = (_COUNTS_AS * self._nominal[0] + seen[:, :3].sum()) / (_COUNTS_AS + seen[:, :3].size)
-        heading = (_COUNTS_AS * self._nominal[3] + seen[:, 3].sum()) / (_COUNTS_AS + len(seen))
-        self._prior_variances = np.array([mounting] * 3 + [heading])

@@ -86,9 +86,15 @@ class ShapePrior:
         the arm and its IMUs.
     heading_scatter
         of an IMU, rad.
+
+    Attributes
+    ----------
+    bending
+        standard deviation of the angle by which the whole arm bends about each axis, rad.
     """
 
     def __init__(self, layout: Layout, heading_scatter: float = HEADING_SCATTER):
+        self.bending = BENDING
         stations = layout.stations / layout.arm.length
         self._sections = np.diff(stations)
         counts = np.ceil(_CELLS * self._sections / stations[-1] - 1e-9).astype(int)
@@ -162,7 +168,7 @@ class ShapePrior:
             standard deviation of the whole arm's twist, rad.
         """
         by_axis = [J[..., a] @ self._covariance @ J[..., a].swapaxes(-1, -2) for a in range(3)]
-        bending = BENDING**2 * (by_axis[0] + by_axis[1])
+        bending = self.bending**2 * (by_axis[0] + by_axis[1])
         twisting = twist**2 * by_axis[2]
         S = bending + twisting + self._scatter
         there = np.repeat(measured, 3, axis=-1)
@@ -187,7 +193,7 @@ class ShapePrior:
         (n, n_cells, 3), rad.
         """
         pulled = np.einsum('nrca,nr->nca', J, weighed)
-        return (self._covariance @ pulled) * np.square([BENDING, BENDING, twist])
+        return (self._covariance @ pulled) * np.square([self.bending, self.bending, twist])
 
 
 def likelier_twist(twist: float, marginal: Marginal, weighed: FloatArray) -> float:

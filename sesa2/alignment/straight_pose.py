@@ -120,9 +120,10 @@ def align_straight(
 ) -> Alignment:
     """Learn the mountings from the arm held straight, every link then being oriented as the base.
 
-    Tilt is always corrected: each link's axis is swung the least onto the base's. What turns about the axis may be
-    the heading or the mounting's twist; put into the mounting, an error of heading would become one of tilt as soon as
-    the arm bends. It is left alone, or on demand put into the heading.
+    What relates a link to the base is a twist about the arm, then a swing: base⁻¹ ⊗ link = twist ⊗ swing. The swing is
+    always corrected: each link's axis is turned the least onto the base's. The twist may be the heading or the
+    mounting's; put into the mounting, an error of heading would become one of tilt as soon as the arm bends. It is left
+    alone, or on demand put into the heading. The more the arm lies, the more of a heading is swing and goes with it.
 
     Parameters
     ----------

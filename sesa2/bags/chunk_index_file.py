@@ -11,9 +11,9 @@ _RECORD_HEAD = 9  # op code and length
 
 
 class ChunkIndexFile:
-    """Takes the place of the list in which `mcap.writer.Writer` keeps an index of each chunk.
+    """Keeps an index of each chunk.
 
-    With two chunks a second, that list takes many megabytes an hour. The file has no name, so that nothing is left
+    With two chunks a second, a list of them takes many megabytes an hour. The file has no name, so that nothing is left
     of it after a kill.
 
     Parameters

@@ -40,6 +40,7 @@ _MESSAGE = np.dtype(
     ]
 )
 _BEFORE_LENGTH_ENDS = 9
+_NEVER = 2**64 - 1
 
 
 def _bytes_of(*records: McapRecord) -> bytes:
@@ -59,7 +60,7 @@ class McapFile:
     chunk_size
         of messages that are compressed together, bytes.
     indices
-        keeps where each chunk is until the end.
+        takes where the chunks are.
 
     Raises
     ------
@@ -79,6 +80,7 @@ class McapFile:
         self._data: list[bytes] = []
         self._size = 0
         self._indices = indices
+        self._start_ns, self._end_ns = _NEVER, 0
         self._counts: dict[int, int] = {}
         self._at = 0
         self._put(MAGIC + _bytes_of(Header('ros2', 'sesa2')))
@@ -141,10 +143,8 @@ class McapFile:
             channel_message_counts=self._counts,
             chunk_count=len(self._indices),
             message_count=sum(self._counts.values()),
-            message_end_time=max((i.message_end_time for i in self._indices), default=0),
-            message_start_time=min(
-                (i.message_start_time for i in self._indices if i.message_index_length), default=0
-            ),
+            message_end_time=self._end_ns,
+            message_start_time=self._start_ns if self._counts else 0,
             metadata_count=0,
             schema_count=len(self._schemas),
         )
@@ -195,6 +195,8 @@ class McapFile:
         )
         self._put(_bytes_of(chunk))
         length = self._at - begin
+        if n:
+            self._start_ns, self._end_ns = min(self._start_ns, start_ns), max(self._end_ns, end_ns)
         index_offsets = {}
         for number in np.unique(heads['channel']).tolist():
             of_it = heads['channel'] == number

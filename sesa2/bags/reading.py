@@ -63,7 +63,11 @@ class ImuBlock(NamedTuple):
 
     def part(self, begin: int, end: int) -> 'ImuBlock':
         """Those from one to before another."""
-        return ImuBlock(*(column[begin:end] for column in self))
+        which = slice(begin, end)
+        data = self.data[which]
+        return ImuBlock(
+            self.ids[which], self.stamps_ns[which], self.orientations[which], data, self.log_ns[which]
+        )
 
     def chosen(self, which: np.ndarray) -> 'ImuBlock':
         """Those of these numbers."""
@@ -76,7 +80,7 @@ class ImuBlock(NamedTuple):
         """One by one."""
         columns = (self.ids.tolist(), self.stamps_ns.tolist(), self.orientations.tolist(), self.data)
         for id_, stamp_ns, q, data, log_ns in zip(*columns, self.log_ns.tolist(), strict=True):
-            yield Sample(id_, stamp_ns, *q, data, log_ns)
+            yield Sample(id_, stamp_ns, q[0], q[1], q[2], q[3], data, log_ns)
 
 
 class ImuRecording:

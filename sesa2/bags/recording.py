@@ -17,6 +17,7 @@ from sesa2.bags.unfinished import UnfinishedMcap
 from sesa2.errors import Sesa2Error
 from sesa2.messages.topic_names import absolute, is_called
 from sesa2.mocap.formats import read_motion_capture
+from sesa2.regular_files import why_no_regular_file
 
 
 class Recording:
@@ -121,6 +122,8 @@ def open_recording(path: str | Path, first_id: int | None = None) -> Recording:
         if path.is_dir():
             recording = _open_folder(path)
         elif path.exists():
+            if why := why_no_regular_file(path):
+                raise Sesa2Error(f'{path}: {why}')
             recording = Recording(path, [_open_file(path, first_id)])
         else:
             raise Sesa2Error(f'{path}: no such file or folder, expected a recording')

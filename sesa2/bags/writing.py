@@ -20,6 +20,7 @@ from sesa2.bags.chunk_index_file import ChunkIndexFile
 from sesa2.bags.definitions import definition
 from sesa2.bags.mcap_file import McapFile
 from sesa2.errors import Sesa2Error
+from sesa2.partial_files import lock_partial, partial_path, sweep_partials
 
 FLUSH_EVERY = 0.5  # s
 CHUNK_SIZE = 1 << 20  # bytes
@@ -297,9 +298,12 @@ def new_bag(path: str | Path) -> Iterator[BagWriter]:
     path = Path(path)
     if path.exists():
         raise Sesa2Error(f'{path}: exists already, expected the name of a new bag')
-    partial = path.with_name(f'.{path.name}.{os.getpid()}.partial')
+    sweep_partials(path)
+    partial = partial_path(path)
     try:
         partial.mkdir()
+        lock = os.open(partial, os.O_RDONLY | os.O_DIRECTORY)
+        lock_partial(lock)
     except OSError as error:
         raise _not_written(path, error) from None
     try:
@@ -315,3 +319,4 @@ def new_bag(path: str | Path) -> Iterator[BagWriter]:
             raise _not_written(path, error) from None
     finally:
         shutil.rmtree(partial, ignore_errors=True)
+        os.close(lock)

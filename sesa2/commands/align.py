@@ -118,18 +118,28 @@ def _from_motion(
         )
     found = self_calibrate(t, q, measured, c.layout, base, c.mountings, c.headings)
     rows = [
-        (i, *(f'{np.rad2deg(v):+.2f} ± {np.rad2deg(s):.2f}' for v, s in zip(values, std, strict=True)))
-        for i, values, std in zip(c.imus.ids, found.corrections, found.std, strict=True)
+        (
+            i,
+            *(f'{np.rad2deg(v):+.2f} ± {np.rad2deg(s):.2f}' for v, s in zip(values, std, strict=True)),
+            f'{np.rad2deg(wander):.2f}',
+        )
+        for i, values, std, wander in zip(c.imus.ids, found.corrections, found.std, found.wander, strict=True)
     ]
     twist = np.rad2deg(found.twist)
-    print(f'{found.shapes} shapes in {found.seconds:.1f} s of motion; twist of the arm {twist:.1f}° rms')
-    print('\n'.join(table(('IMU', 'mounting x [°]', 'y [°]', 'z [°]', 'heading [°]'), rows)))
+    print(
+        f'{found.shapes} shapes in {found.seconds:.1f} s of motion; twist of the arm {twist:.1f}° rms; '
+        f'misfit {found.misfit:.2f} (0.05 to 0.2 where the configuration is right)'
+    )
+    print('\n'.join(table(('IMU', 'mounting x [°]', 'y [°]', 'z [°]', 'heading [°]', 'wander [°]'), rows)))
+    disturbance = found.disturbance(c.imus.ids)
+    if disturbance:
+        raise Sesa2Error(f'{disturbance} Nothing is written; expected a part without (--start, --duration)')
     warn(found.untold(c.imus.ids))
     if found.misfit > _POOR_FIT:
         text = 'check ids, positions, mountings and arm.base_orientation'
         warn(
             [
-                f'the shapes of a smooth arm fit poorly (misfit {found.misfit:.2f}, expected 0.1 to 0.2): {text}'
+                f'the shapes of a smooth arm fit poorly (misfit {found.misfit:.2f}, expected 0.05 to 0.2): {text}'
             ]
         )
     warn(tilt_doubts(found.corrections, c.imus.ids))

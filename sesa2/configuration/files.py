@@ -1,5 +1,6 @@
 """The configuration's file: a ROS 2 parameter file, in YAML."""
 
+import errno
 import os
 import sys
 from pathlib import Path
@@ -9,7 +10,9 @@ import yaml
 
 from sesa2.configuration.records import Configuration
 from sesa2.configuration.validation import ConfigurationError, Mistake, validate
-from sesa2.errors import Sesa2Error
+from sesa2.errors import Sesa2Error, shortened
+from sesa2.partial_files import partial_path, sweep_partials
+from sesa2.yaml_reading import YamlError, read_yaml, read_yaml_file
 
 
 def find(name: str) -> Path:
@@ -26,17 +29,22 @@ def find(name: str) -> Path:
         there is no such file; the message lists the shipped ones.
     """
     path = Path(name)
-    if path.is_file():
-        return path
+    try:
+        path.lstat()
+        there, why = True, ''
+    except (OSError, ValueError) as error:
+        there, why = False, getattr(error, 'strerror', None) or str(error)
+    if there and not path.is_dir():
+        return path  # whatever it is: `load` says what is wrong with it
     named = shipped()
     if name in named:
         return named[name]
-    if path.is_dir():
+    if there:
         raise ConfigurationError([Mistake('', 'is a folder, expected a file')], name)
     known = ', '.join(named) or 'none'
-    raise ConfigurationError(
-        [Mistake('', f'no such file, nor a shipped configuration (there are: {known})')], name
-    )
+    what = 'no such file' if why == os.strerror(errno.ENOENT) else f'cannot be read: {why}'
+    mistake = Mistake('', f'{what}, nor a shipped configuration (there are: {known})')
+    raise ConfigurationError([mistake], shortened(name))
 
 
 def shipped() -> dict[str, Path]:
@@ -70,14 +78,14 @@ def load(path: str | Path) -> Configuration:
     Raises
     ------
     ConfigurationError
-        it cannot be read, is not YAML, or holds mistakes.
+        it is no file or cannot be read, is not YAML, or holds mistakes.
     """
+    source = str(path)
     try:
-        text = Path(path).read_text(encoding='utf-8')
-    except (OSError, UnicodeDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else 'is not text'
-        raise ConfigurationError([Mistake('', f'cannot be read: {reason}')], str(path)) from None
-    return parse(text, str(path))
+        document = read_yaml_file(path)
+    except YamlError as error:
+        raise _not_read(error, source) from None
+    return validate(_parameters(document, source), source)
 
 
 def load_configuration(name: str | Path) -> Configuration:
@@ -112,13 +120,15 @@ def parse(text: str, source: str) -> Configuration:
         it is not YAML, or holds mistakes.
     """
     try:
-        document = yaml.load(text, Loader=_UniqueKeyLoader)
-    except yaml.YAMLError as error:
-        mark = getattr(error, 'problem_mark', None)
-        place = f'line {mark.line + 1}, column {mark.column + 1}' if mark else ''
-        problem = getattr(error, 'problem', None) or str(error)
-        raise ConfigurationError([Mistake(place, f'YAML: {problem}')], source) from None
+        document = read_yaml(text)
+    except YamlError as error:
+        raise _not_read(error, source) from None
     return validate(_parameters(document, source), source)
+
+
+def _not_read(error: YamlError, source: str) -> ConfigurationError:
+    problem = f'YAML: {error.problem}' if error.place else error.problem
+    return ConfigurationError([Mistake(error.place, problem)], source)
 
 
 def _parameters(document: Any, source: str) -> dict[str, Any]:
@@ -127,7 +137,8 @@ def _parameters(document: Any, source: str) -> dict[str, Any]:
         raise ConfigurationError([Mistake('', f'got {type(document).__name__}, {expected}')], source)
     mistakes = [
         Mistake(
-            str(key), f"is not read, {expected}; parameters of one node alone go on that node's command line"
+            shortened(str(key)),
+            f"is not read, {expected}; parameters of one node alone go on that node's command line",
         )
         for key in document
         if key != '/**'
@@ -135,25 +146,14 @@ def _parameters(document: Any, source: str) -> dict[str, Any]:
     node = document.get('/**')
     if mistakes or not isinstance(node, dict) or not isinstance(node.get('ros__parameters'), dict):
         raise ConfigurationError(mistakes or [Mistake('', expected)], source)
-    extra = [Mistake(f'/**.{key}', f'is not read, {expected}') for key in node if key != 'ros__parameters']
+    extra = [
+        Mistake(f'/**.{shortened(str(key))}', f'is not read, {expected}')
+        for key in node
+        if key != 'ros__parameters'
+    ]
     if extra:
         raise ConfigurationError(extra, source)
     return node['ros__parameters']
-
-
-class _UniqueKeyLoader(yaml.SafeLoader):
-    """YAML keeps the last of two equal keys without a word; here that is a mistake."""
-
-    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
-        seen = set()
-        for key_node, _ in node.value:
-            key = self.construct_object(key_node, deep=deep)
-            if key in seen:
-                raise yaml.constructor.ConstructorError(
-                    None, None, f'the key {key!r} stands here a second time', key_node.start_mark
-                )
-            seen.add(key)
-        return super().construct_mapping(node, deep)
 
 
 def dump(configuration: Configuration) -> str:
@@ -188,7 +188,8 @@ def save(path: Path, text: str, instead_of: str = '') -> None:
     Sesa2Error
         there is another file, or it cannot be written.
     """
-    beside = path.with_name(f'.{path.name}.{os.getpid()}.partial')
+    beside = partial_path(path)
+    sweep_partials(path)
     try:
         if path.exists() and path.read_text('utf-8') != instead_of:
             raise Sesa2Error(f'{path} is there already and was not saved by this node; move it away first')

@@ -8,11 +8,14 @@ from typing import Any, NamedTuple, get_args, get_origin
 
 from sesa2.configuration.records import Configuration, leaves, sections
 from sesa2.configuration.ros_names import is_frame_prefix, is_topic_name
-from sesa2.errors import Sesa2Error
+from sesa2.errors import Sesa2Error, shortened, shown
 from sesa2.sensing.imu.addresses import CHANNELS, ids_by_board, imu_id_at
 from sesa2.shape.arm import GeometryError
 from sesa2.shape.models import MODELS
 from sesa2.shape.options import REQUIRED, ModelOptions
+
+# Of many mistakes the first have the same reason as the rest.
+_MOST_TOLD = 40
 
 
 class Mistake(NamedTuple):
@@ -29,7 +32,11 @@ class ConfigurationError(Sesa2Error):
         self.mistakes = tuple(mistakes)
         self.source = source
         count = '1 mistake' if len(self.mistakes) == 1 else f'{len(self.mistakes)} mistakes'
-        lines = [f'  {m.place}: {m.message}' if m.place else f'  {m.message}' for m in self.mistakes]
+        lines = [
+            f'  {m.place}: {m.message}' if m.place else f'  {m.message}' for m in self.mistakes[:_MOST_TOLD]
+        ]
+        if len(self.mistakes) > _MOST_TOLD:
+            lines.append(f'  … and {len(self.mistakes) - _MOST_TOLD} more')
         super().__init__('\n'.join([f'{source}: {count}', *lines]))
 
 
@@ -58,7 +65,10 @@ def validate(values: Mapping[str, Any], source: str = 'configuration') -> Config
                 read[path] = value
     # A list that could not be read is not also missed.
     known = {path for path, _, _ in leaves()}
-    mistakes += [Mistake(path, _unknown(path, known)) for path in given]
+    mistakes += [
+        Mistake(shortened(path), _unknown(path, known) if n < _MOST_TOLD else 'is not known')
+        for n, path in enumerate(given)
+    ]
     wrong = {m.place.split('[')[0] for m in mistakes}
     for path in ('arm.length', 'imus.ids', 'imus.positions'):
         if path not in read and path not in wrong:
@@ -78,7 +88,7 @@ def _flatten(values: Mapping[str, Any], mistakes: list[Mistake]) -> dict[str, An
     flat: dict[str, Any] = {}
     for key, value in values.items():
         if key in known and not isinstance(value, Mapping):
-            mistakes.append(Mistake(str(key), f'got {value!r}, expected a section with keys'))
+            mistakes.append(Mistake(str(key), f'got {shown(value)}, expected a section with keys'))
         elif isinstance(value, Mapping):
             flat.update({f'{key}.{inner}': item for inner, item in value.items()})
         else:
@@ -104,7 +114,7 @@ def _read(path: str, kind: Any, rule: Mapping[str, Any], value: Any, mistakes: l
     if get_origin(kind) is tuple:
         kind = get_args(kind)[0]
         if not isinstance(value, (list, tuple)):
-            mistakes.append(Mistake(path, f'got {value!r}, expected a list, [{_NAMES[kind]}, …]'))
+            mistakes.append(Mistake(path, f'got {shown(value)}, expected a list, [{_NAMES[kind]}, …]'))
             return None
         if not value:
             mistakes.append(Mistake(path, 'got an empty list, which ROS cannot read; leave the key out'))
@@ -124,11 +134,11 @@ def _read(path: str, kind: Any, rule: Mapping[str, Any], value: Any, mistakes: l
 
 
 def _one(place: str, kind: type, rule: Mapping[str, Any], value: Any, mistakes: list[Mistake]) -> Any:
-    if kind is float and type(value) is int:
+    if kind is float and type(value) is int and abs(value) < 10**300:
         value = float(value)
     if type(value) is not kind:
         hint = ' (quote it)' if kind is str else ''
-        mistakes.append(Mistake(place, f'got {value!r}, expected {_NAMES[kind]}{hint}'))
+        mistakes.append(Mistake(place, f'got {shown(value)}, expected {_NAMES[kind]}{hint}'))
         return None
     if isinstance(value, float) and not math.isfinite(value):
         mistakes.append(Mistake(place, f'got {value}, expected a finite number'))
@@ -146,7 +156,7 @@ def _one(place: str, kind: type, rule: Mapping[str, Any], value: Any, mistakes: 
     ):
         allowed = _range(low, high, above)
     if allowed:
-        mistakes.append(Mistake(place, f'got {value!r}, expected {allowed}'))
+        mistakes.append(Mistake(place, f'got {shown(value)}, expected {allowed}'))
         return None
     return value
 
@@ -230,13 +240,13 @@ def _check(c: Configuration) -> list[Mistake]:
         f'has {len(at)} entries, expected {len(names)}: one per name',
     )
     for i, name in _repeated(names):
-        expect(False, f'markers.names[{i}]', f'got {name!r} a second time')
+        expect(False, f'markers.names[{i}]', f'got {shown(name)} a second time')
     for i, s in enumerate(at):
         expect(
             s <= c.arm.length, f'markers.positions[{i}]', f'{s:g} m is beyond the tip at {c.arm.length:g} m'
         )
     for i, name in _repeated(c.models):
-        expect(False, f'models[{i}]', f'got {name!r} a second time')
+        expect(False, f'models[{i}]', f'got {shown(name)} a second time')
     _check_names(c, expect)
     _check_boards(c, expect)
     if c.run.source == 'bag':
@@ -284,7 +294,7 @@ def _check_boards(c: Configuration, expect: Callable[[bool, str, str], bool]) ->
         both = 'stands beside serial.ports, expected one of the two: port for one board, ports for several'
         expect(c.serial.port == '', 'serial.port', both)
         for i, name in _repeated(ports):
-            expect(False, f'serial.ports[{i}]', f'got {name!r} a second time')
+            expect(False, f'serial.ports[{i}]', f'got {shown(name)} a second time')
     for i, name in enumerate(ports):
         place = f'serial.ports[{i}]' if c.serial.ports else 'serial.port'
         expect(name != '' or c.run.source != 'serial', place, 'is empty, expected a serial port')

@@ -54,8 +54,7 @@ def left_over(members: list[Member], imus: Sequence[ImuQueue]) -> list[Member]:
     """
     members = sorted(members)
     span = members[-1][0] - members[0][0]
-    imus = [(imus[index], stamp) for stamp, index in members]
-    periods = [stamp - imu.used_ns for imu, stamp in imus if imu.used is not None]
+    periods = [stamp - imus[index].used_ns for stamp, index in members if imus[index].used is not None]
     if not periods or 2 * span <= min(periods):
         return []
     gap, cut = max((members[k + 1][0] - members[k][0], k + 1) for k in range(len(members) - 1))

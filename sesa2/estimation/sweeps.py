@@ -336,7 +336,7 @@ class SweepAssembler:
         assert self.newest_ns is not None
         self._let_go_of_held(self._steps.hold(sample, self.newest_ns))
         held = self._steps.believed(
-            sample.index, self.newest_ns, self._n_alive, begun=self._closed_ns is not None
+            sample.imu, self.newest_ns, self._n_alive, begun=self._closed_ns is not None
         )
         if not held:
             return []
@@ -350,7 +350,7 @@ class SweepAssembler:
             self.reset()
         self._now_ns = sample.arrival_ns
         for one in sorted(held, key=lambda h: h.stamp_ns):
-            sweeps += self._take(self._imus[one.index], *one[1:])
+            sweeps += self._take(self._imus[one.imu], *one[1:])
         return sweeps
 
     def _let_go_of_held(self, samples: Sequence[HeldSample | WaitingSample]) -> None:

@@ -19,7 +19,7 @@ HELD_MAX = 2000
 class HeldSample(NamedTuple):
     """A sample as it came; its arrival is None where there is no clock."""
 
-    index: int
+    imu: int
     stamp_ns: int
     x: float
     y: float
@@ -52,7 +52,7 @@ class TimeSteps:
         newest_ns
             the present time, ns.
         """
-        index, ahead = sample.index, sample.stamp_ns > newest_ns
+        index, ahead = sample.imu, sample.stamp_ns > newest_ns
         gone: list[HeldSample] = []
         if index in self._held:
             last_ns = self._held[index][-1].stamp_ns

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sesa2.errors import Sesa2Error
+from sesa2.faults import fault_line
 from sesa2.link.link_errors import LinkError, ProtocolVersionError
 from sesa2.link.packets import Acceleration, Data
 from sesa2.link.session import LinkSettings, Session
@@ -75,10 +76,13 @@ class BoardLink:
         try:
             self._connect()
             self.session.run()
-        except Sesa2Error as error:
-            self.failure = error
+        except Exception as error:
+            if isinstance(error, Sesa2Error):
+                self.failure = error
+            else:
+                self.failure = Sesa2Error(f'board on {self.settings.port}: {fault_line(error)}')
             if self.was_up:
-                self.on_event(Event(Level.ERROR, f'{error}; this link has ended'))
+                self.on_event(Event(Level.ERROR, f'{self.failure}; this link has ended'))
         finally:
             self.finished = True
 

@@ -43,7 +43,7 @@ def read_imu(data: bytes) -> ImuSample:
         at = 4 + (12 + length + 7) // 8 * 8
         return ImuSample(seconds * NS + nanoseconds, *struct.unpack_from(f'{order}4d', data, at))
     except (IndexError, struct.error):
-        raise Sesa2Error(f'a {TYPE} message of {len(data)} bytes, expected at least 316') from None
+        raise _too_short(data) from None
 
 
 def read_imus(data: Sequence[bytes]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -91,14 +91,26 @@ def without_acceleration(data: bytes) -> bytes:
     Parameters
     ----------
     data
-        the serialised message, either byte order, whole.
+        the serialised message, either byte order.
+
+    Raises
+    ------
+    Sesa2Error
+        it is too short to be one.
     """
-    order = '<' if data[1] & 1 else '>'
-    (length,) = struct.unpack_from(f'{order}I', data, 12)
-    at = 4 + (12 + length + 7) // 8 * 8 + 8 * 25
-    changed = bytearray(data)
-    struct.pack_into(f'{order}4d', changed, at, 0.0, 0.0, 0.0, -1.0)
+    try:
+        order = '<' if data[1] & 1 else '>'
+        (length,) = struct.unpack_from(f'{order}I', data, 12)
+        at = 4 + (12 + length + 7) // 8 * 8 + 8 * 25
+        changed = bytearray(data)
+        struct.pack_into(f'{order}4d', changed, at, 0.0, 0.0, 0.0, -1.0)
+    except (IndexError, struct.error):
+        raise _too_short(data) from None
     return bytes(changed)
+
+
+def _too_short(data: bytes) -> Sesa2Error:
+    return Sesa2Error(f'a {TYPE} message of {len(data)} bytes, expected at least 316')
 
 
 class ImuMessages:

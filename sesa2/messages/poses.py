@@ -41,6 +41,18 @@ def read_pose_array(data: bytes) -> StampedPoses:
     return StampedPoses(stamp_ns, _read_poses(data, n, _align(at, 8), 8 * _POSE, 'PoseArray'))
 
 
+def read_pose(data: bytes) -> StampedPoses:
+    """Read a geometry_msgs/PoseStamped.
+
+    Raises
+    ------
+    Sesa2Error
+        the bytes are not one.
+    """
+    stamp_ns, at = _read_header(data, _HEADER, 'PoseStamped')
+    return StampedPoses(stamp_ns, _read_poses(data, 1, _align(at, 8), 8 * _POSE, 'PoseStamped'))
+
+
 def read_path(data: bytes) -> StampedPoses:
     """Read a nav_msgs/Path whose poses all name one frame, or none.
 

@@ -6,22 +6,30 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-import rclpy.node
 from sesa2_msgs.msg import ImuCalibration
 from std_srvs.srv import Trigger
 
 from sesa2.configuration import ConfigurationError, Mistake
 from sesa2.errors import Sesa2Error
 from sesa2.messages.topic_names import imu_calibration, imu_name
+from sesa2.partial_files import sweep_partials
+from sesa2.ros.confined_node import ConfinedNode
 from sesa2.ros.diagnostics import ERROR, OK, WARN, Diagnostics, Part
 from sesa2.ros.parameters import declare_configuration
 from sesa2.ros.qos import STREAM
 from sesa2.ros.spinning import run_alone
-from sesa2.sensing.imu.bno055.offsets import Offsets, OffsetsError, Vector, load_offsets, save_offsets
+from sesa2.sensing.imu.bno055.offsets import (
+    Offsets,
+    OffsetsError,
+    Vector,
+    load_offsets,
+    offsets_are_there,
+    save_offsets,
+)
 from sesa2.sensing.imu.bno055.scores import Scores
 
 
-class CalibrationNode(rclpy.node.Node):
+class CalibrationNode(ConfinedNode):
     """Saves an IMU's offsets the moment its scores are complete, and those of all when asked.
 
     Attributes
@@ -61,12 +69,14 @@ class CalibrationNode(rclpy.node.Node):
 
     def _check_file(self) -> None:
         """Refuse a file that could not be kept, before somebody calibrates for it."""
+        there = offsets_are_there(self._file)
         folder = self._file.resolve().parent
         if not os.access(folder, os.W_OK | os.X_OK):
             why = 'may not be written into' if folder.is_dir() else 'is not there'
             raise OffsetsError(f'{self._file}: offsets cannot be saved: the folder {folder} {why}')
-        if self._file.exists():
+        if there:
             load_offsets(self._file, ())
+            sweep_partials(self._file.resolve())
 
     def _take(self, imu: int, message: ImuCalibration) -> None:
         scores = Scores(message.sys, message.gyro, message.accel, message.mag)

@@ -7,7 +7,6 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-import rclpy.node
 from geometry_msgs.msg import PoseArray, PoseStamped
 from nav_msgs.msg import Path
 from rcl_interfaces.msg import SetParametersResult
@@ -27,6 +26,7 @@ from sesa2.messages.imu_messages import read_imu
 from sesa2.messages.results import TYPES, ResultMessages
 from sesa2.messages.robot import describe_robot
 from sesa2.messages.topic_names import CONFIGURATION, imu_name, imu_topics, of_model
+from sesa2.ros.confined_node import ConfinedNode
 from sesa2.ros.diagnostics import ERROR, OK, WARN, Diagnostics, Part
 from sesa2.ros.parameters import declare_configuration, origin_of
 from sesa2.ros.qos import ANY_STREAM, LATCHED, STREAM
@@ -51,7 +51,7 @@ _CLASSES = {
 }
 
 
-class EstimatorNode(rclpy.node.Node):
+class EstimatorNode(ConfinedNode):
     """Publishes one result per sweep and model, stamped with the measurement's time.
 
     Attributes

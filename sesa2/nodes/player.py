@@ -5,7 +5,6 @@ import time
 from collections.abc import Iterator
 from typing import Any
 
-import rclpy.node
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Imu
 
@@ -15,6 +14,7 @@ from sesa2.configuration import ConfigurationError, Mistake
 from sesa2.errors import Sesa2Error
 from sesa2.estimation.time_steps import BACK_NS
 from sesa2.messages.topic_names import CLOCK, imu_data, imu_topics
+from sesa2.ros.confined_node import ConfinedNode
 from sesa2.ros.diagnostics import OK, Diagnostics, Part
 from sesa2.ros.parameters import declare_configuration
 from sesa2.ros.qos import STREAM
@@ -27,15 +27,13 @@ _LINGER_S = 0.5
 _CLOCK_PERIOD_NS = 10_000_000
 
 
-class Player(rclpy.node.Node):
+class Player(ConfinedNode):
     """Publishes samples as they were measured, with the measurement's own stamps.
 
     Attributes
     ----------
-    finished
-        whether the recording has ended and was not to be looped.
-    failure
-        why it could not be played on; None while it can.
+    finished, failure
+        whether the recording has ended and was not to be looped; why it could not be played on.
     """
 
     def __init__(self, **options: Any):
@@ -56,8 +54,6 @@ class Player(rclpy.node.Node):
         self._awaited = [p for i, p in self._publishers_of_imus.items() if i in used]
         self._clock_publisher = self.create_publisher(Clock, CLOCK, 10) if self._run.clock else None
         self._clock_ns = 0
-        self.finished = False
-        self.failure: Sesa2Error | None = None
         self.n_played = self._rounds = 0
         self._stop = threading.Event()
         self._diagnostics = Diagnostics(self, self._run.bag, self._report)
@@ -75,17 +71,17 @@ class Player(rclpy.node.Node):
             self._wait_for_listeners()
             while not self._stop.is_set():
                 if not self._play_once() and not self._stop.is_set():
-                    self.failure = Sesa2Error(f'{self._run.bag}: nothing to play after {self._run.start:g} s')
+                    self.fail(Sesa2Error(f'{self._run.bag}: nothing to play after {self._run.start:g} s'))
                 self._rounds += 1
                 if self.failure or not self._run.loop:
                     break
             for problem in self._recording.problems:
                 self.get_logger().warning(problem)
             self._stop.wait(_LINGER_S)
-        except Sesa2Error as error:
-            self.failure = error
+        except Exception as error:
+            self.fail(error)
         finally:
-            self.finished = True
+            self._ended = True
 
     def _wait_for_listeners(self) -> None:
         """A listener that is not known yet would miss the beginning."""

@@ -5,7 +5,6 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-import rclpy.node
 from geometry_msgs.msg import PoseArray, PoseStamped
 from nav_msgs.msg import Path
 from rclpy.serialization import serialize_message
@@ -19,7 +18,8 @@ from sesa2.errors import Sesa2Error
 from sesa2.messages.imu_messages import without_acceleration
 from sesa2.messages.results import TYPES
 from sesa2.messages.topic_names import CONFIGURATION, imu_calibration, imu_topics, of_model
-from sesa2.ros.diagnostics import ERROR, OK, Diagnostics, Part
+from sesa2.ros.confined_node import ConfinedNode
+from sesa2.ros.diagnostics import ERROR, OK, WARN, Diagnostics, Part
 from sesa2.ros.parameters import declare_configuration
 from sesa2.ros.qos import ANY_STREAM, EVERY_LATCHED, STREAM
 from sesa2.ros.spinning import run_alone
@@ -29,7 +29,7 @@ _FLUSH_PERIOD_S = 0.4
 _RESULTS = {'joint_states': JointState, 'markers': PoseArray, 'tip': PoseStamped, 'shape': Path}
 
 
-class Recorder(rclpy.node.Node):
+class Recorder(ConfinedNode):
     """Writes messages as the bytes in which they arrive; the configuration is the first.
 
     Attributes
@@ -38,10 +38,10 @@ class Recorder(rclpy.node.Node):
         the bag.
     n_messages
         written so far.
-    failure
-        why it cannot write on (a full disk); None while it can.
-    finished
-        whether it has ended for good.
+    n_damaged
+        of these, orientations that are cut short.
+    failure, finished
+        why it cannot write on (a full disk); whether it has ended for good.
     """
 
     def __init__(self, **options: Any):
@@ -51,9 +51,7 @@ class Recorder(rclpy.node.Node):
             raise ConfigurationError(
                 [Mistake('record.file', 'is empty, expected a bag to write')], 'recorder'
             )
-        self.failure: Sesa2Error | None = None
-        self.finished = False
-        self.n_messages = 0
+        self.n_messages = self.n_damaged = 0
         self._stripped: set[int] = set()  # topics whose acceleration is not wanted
         self._bag = record(c.record.file)
         self.path = self._bag.path
@@ -92,7 +90,10 @@ class Recorder(rclpy.node.Node):
 
     def _write(self, number: int, data: bytes) -> None:
         if number in self._stripped:
-            data = without_acceleration(data)
+            try:
+                data = without_acceleration(data)
+            except Sesa2Error:  # as it is: whoever reads the bag counts it too
+                self.n_damaged += 1
         if self._guard(lambda: self._bag.write(number, time.time_ns(), data)):
             self.n_messages += 1
 
@@ -106,12 +107,17 @@ class Recorder(rclpy.node.Node):
         try:
             action()
         except Sesa2Error as error:
-            self.failure, self.finished = error, True
+            self.fail(error)
         return not self.finished
 
     def _report(self) -> list[Part]:
         level, text = (ERROR, str(self.failure)) if self.failure else (OK, f'recording into {self.path}')
-        return [('bag', level, text, {'messages': self.n_messages})]
+        if self.n_damaged and not self.failure:
+            level, text = (
+                WARN,
+                f'{text}; {self.n_damaged} messages of IMUs are cut short, recorded as they came',
+            )
+        return [('bag', level, text, {'messages': self.n_messages, 'damaged': self.n_damaged})]
 
 
 def main() -> int:

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import rclpy.node
 from builtin_interfaces.msg import Time
 from numpy.typing import NDArray
 from sensor_msgs.msg import Imu
@@ -26,12 +25,13 @@ from sesa2.link.session import LinkSettings
 from sesa2.link.status import Event, ImuStatus, Level
 from sesa2.messages.imu_messages import ImuMessages
 from sesa2.messages.topic_names import imu_calibration, imu_frame, imu_topics
+from sesa2.ros.confined_node import ConfinedNode
 from sesa2.ros.link_diagnostics import LinkDiagnostics
 from sesa2.ros.parameters import declare_configuration
 from sesa2.ros.qos import LATCHED, STREAM
 from sesa2.ros.spinning import run_alone
 from sesa2.sensing.imu.addresses import address_of, ids_by_board
-from sesa2.sensing.imu.bno055.offsets import Offsets, OffsetsError, load_offsets
+from sesa2.sensing.imu.bno055.offsets import Offsets, OffsetsError, load_offsets, offsets_are_there
 from sesa2.sensing.imu.bno055.scores import Scores
 from sesa2.time import NS
 
@@ -39,7 +39,7 @@ from sesa2.time import NS
 _OFFSETS_PATIENCE_S = 5.0
 
 
-class SerialBridge(rclpy.node.Node):
+class SerialBridge(ConfinedNode):
     """Publishes each IMU's orientation and calibration, as the chip measured them.
 
     Each board has a link with a thread of its own, from which its IMUs are also published.
@@ -93,6 +93,8 @@ class SerialBridge(rclpy.node.Node):
     @property
     def failure(self) -> Sesa2Error | None:
         """Why a link could not be made at the start, or why the last one has ended; None while any can be kept."""
+        if super().failure:
+            return super().failure
         over = all(link.finished for link in self.links)
         return next((link.failure for link in self.links if link.failure and (over or not link.was_up)), None)
 
@@ -117,7 +119,7 @@ class SerialBridge(rclpy.node.Node):
         path = Path(c.calibration.file)
         if not c.calibration.file:
             return {}
-        if not path.exists():
+        if not offsets_are_there(path):
             if c.run.mode == 'calibrate':
                 return {}
             raise OffsetsError(f'calibration file {path} is not there; the mode calibrate makes one')

@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import rclpy.node
+import rclpy
 from rcl_interfaces.msg import IntegerRange, ParameterDescriptor
 from rclpy.task import Future
 from std_msgs.msg import String
@@ -15,8 +15,10 @@ from std_msgs.msg import String
 from sesa2.configuration import Configuration, ConfigurationError, files
 from sesa2.configuration.chosen_files import ChosenFiles
 from sesa2.messages.topic_names import CONFIGURATION
+from sesa2.ros.confined_node import ConfinedNode
 from sesa2.ros.graph_listening import Listener
 from sesa2.ros.graph_steering import GraphSteering
+from sesa2.ros.lifeline import end_with_parent
 from sesa2.ros.qos import LATCHED
 from sesa2.ros.spinning import run_alone
 from sesa2.viewer.page import Page
@@ -27,14 +29,18 @@ _FRAME_S = 1.0 / 30.0
 _ASK_S = 1.0
 
 
-class Viewer(rclpy.node.Node):
+class Viewer(ConfinedNode):
     """Draws the newest of everything thirty times a second, as long as somebody looks.
+
+    What it cannot show it tells and counts; the rest of the page goes on.
 
     Attributes
     ----------
     address
         of the page.
     """
+
+    GOES_ON = True
 
     def __init__(self, **options: Any):
         super().__init__('viewer', **options)
@@ -99,7 +105,7 @@ class Viewer(rclpy.node.Node):
         """Ask the system for its configuration; in calibrate mode no estimator publishes one."""
         if self._steering.available and (self._asked is None or self._asked.done()):
             self._asked = self._steering.configuration()
-            self._asked.add_done_callback(self._take_planned)
+            self._asked.add_done_callback(self.confined(self._take_planned))
 
     def _take_planned(self, future: Future) -> None:
         values = future.result().values if future.result() else []
@@ -149,7 +155,14 @@ def _aligned(c: Configuration, like: Configuration) -> Configuration:
 
 def main() -> int:
     """`ros2 run sesa2 viewer`."""
-    return run_alone(Viewer)
+    tell_start = end_with_parent()
+
+    def make() -> Viewer:
+        viewer = Viewer()
+        tell_start()
+        return viewer
+
+    return run_alone(make)
 
 
 if __name__ == '__main__':

@@ -4,9 +4,9 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from rclpy.node import Node
 
 from sesa2.messages.topic_names import DIAGNOSTICS
+from sesa2.ros.confined_node import ConfinedNode
 
 # What a node says of one of its parts: name, level, message and values.
 Part = tuple[str, bytes, str, Mapping[str, Any]]
@@ -29,7 +29,7 @@ class Diagnostics:
 
     def __init__(
         self,
-        node: Node,
+        node: ConfinedNode,
         hardware_id: str,
         report: Callable[[], list[Part]],
     ):
@@ -50,6 +50,11 @@ class Diagnostics:
                 hardware_id=self._hardware_id,
                 values=[KeyValue(key=str(k), value=str(v)) for k, v in values.items()],
             )
-            for part, level, text, values in self._report()
+            for part, level, text, values in [*self._report(), *self._faults()]
         ]
         self._publisher.publish(message)
+
+    def _faults(self) -> list[tuple[str, bytes, str, Mapping[str, Any]]]:
+        n = self._node.n_faults
+        text = f'{n} callbacks or requests failed in a way that nobody foresaw; the log says how'
+        return [('faults', ERROR, text, {'faults': n})] if n else []

@@ -2,13 +2,12 @@
 
 from typing import Any
 
-from rclpy.node import Node
-
 from sesa2.link.board_link import BoardLink
 from sesa2.link.packets import State
 from sesa2.link.session import outdated_firmware
 from sesa2.link.status import Counters, ImuStatus, OffsetsState
 from sesa2.messages.topic_names import imu_name
+from sesa2.ros.confined_node import ConfinedNode
 from sesa2.ros.diagnostics import ERROR, OK, WARN, Diagnostics, Part
 from sesa2.sensing.imu.bno055.scores import Scores
 
@@ -26,7 +25,7 @@ class LinkDiagnostics:
         of the link as a part of the node.
     """
 
-    def __init__(self, node: Node, link: BoardLink, name: str):
+    def __init__(self, node: ConfinedNode, link: BoardLink, name: str):
         self._link, self._name = link, name
         self._shown = Counters()
         self._diagnostics = Diagnostics(node, link.settings.port, self._report)

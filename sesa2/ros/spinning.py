@@ -4,7 +4,6 @@ import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from itertools import pairwise
-from typing import Any
 
 import rclpy
 from rclpy.exceptions import InvalidHandle
@@ -12,8 +11,11 @@ from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
-from sesa2.configuration import files
+from sesa2.configuration import ConfigurationError, Mistake, files
 from sesa2.errors import Sesa2Error
+from sesa2.faults import fault_line, log_tracebacks
+from sesa2.regular_files import why_no_regular_file
+from sesa2.ros.confined_node import ConfinedNode
 from sesa2.ros.signals import stop_on_signals
 
 # The executor hangs for good without a finite timeout, and Python sees a signal only between two waits.
@@ -29,6 +31,11 @@ def ros_context(arguments: Sequence[str] | None = None) -> Iterator[None]:
     Sesa2Error
         ROS cannot be initialised, for example because it cannot read the parameter file.
     """
+    arguments = sys.argv if arguments is None else arguments
+    parameter_files = [path for flag, path in pairwise(arguments) if flag == '--params-file']
+    for path in parameter_files:
+        if why := why_no_regular_file(path):  # rcl would wait for a pipe without end
+            raise ConfigurationError([Mistake('', why)], path)
     try:
         rclpy.init(
             args=None if arguments is None else list(arguments),
@@ -36,10 +43,8 @@ def ros_context(arguments: Sequence[str] | None = None) -> Iterator[None]:
         )
     except Exception as error:
         # rcl names neither the key nor the remedy; our own reader of the same file does.
-        arguments = sys.argv if arguments is None else arguments
-        for flag, path in pairwise(arguments):
-            if flag == '--params-file':
-                files.load(path)
+        for path in parameter_files:
+            files.load(path)
         raise Sesa2Error(f'ROS cannot start: {str(error).splitlines()[0]}') from None
     try:
         yield
@@ -95,28 +100,31 @@ def _silence(node: Node) -> None:
         service.callback = lambda _, response: response
 
 
-def run_alone(make: Callable[[], Any]) -> int:
+def run_alone(make: Callable[[], ConfinedNode]) -> int:
     """Run one node as a program.
 
     Parameters
     ----------
     make
-        makes the node; it may raise Sesa2Error. A node with an attribute `finished` that becomes true ends the program.
+        makes the node; it may raise Sesa2Error. The program ends when the node is `finished`.
 
     Returns
     -------
     Exit code: 0 when ended by a signal or finished, 1 after a failure, whose message went to standard error.
     """
+    log_tracebacks()
     with stop_on_signals() as stop:
         try:
             with ros_context(), Spinner() as spinner:
                 node = make()
                 spinner.add(node)
-                while not (stop.is_set() or getattr(node, 'finished', False)):
+                while not (stop.is_set() or node.finished):
                     spinner.spin_once()
-                if failure := getattr(node, 'failure', None):
-                    raise failure
+                why = str(node.failure or '')  # before it is closed: what that breaks off is no failure
         except Sesa2Error as error:
-            print(f'error: {error}', file=sys.stderr)
-            return 1
-    return 0
+            why = str(error)
+        except Exception as error:
+            why = fault_line(error)
+    if why:
+        print(f'error: {why}', file=sys.stderr)
+    return 1 if why else 0

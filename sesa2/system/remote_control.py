@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 
-import rclpy.node
 from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
 from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
@@ -10,11 +9,12 @@ from std_srvs.srv import Trigger
 from sesa2.configuration import Configuration, ConfigurationError, files
 from sesa2.configuration.chosen_files import ChosenFiles
 from sesa2.errors import Sesa2Error
+from sesa2.ros.confined_node import ConfinedNode
 from sesa2.ros.diagnostics import ERROR, OK, WARN, Diagnostics, Part
 from sesa2.system.wiring import System
 
 
-class RemoteControl(rclpy.node.Node):
+class RemoteControl(ConfinedNode):
     """Takes a configuration as a parameter, and starts, stops and records on request.
 
     Parameters
@@ -31,6 +31,8 @@ class RemoteControl(rclpy.node.Node):
     trouble
         why nothing runs; empty while all is well.
     """
+
+    GOES_ON = True
 
     def __init__(self, system: System, configuration: Configuration, chosen: ChosenFiles):
         super().__init__('system', namespace=system.namespace, use_global_arguments=False)
@@ -122,8 +124,11 @@ class RemoteControl(rclpy.node.Node):
         return f'started: source {run.source}, mode {run.mode}{recording}'
 
     def _stop(self) -> str:
+        before = len(self._system.lost)
         self._system.stop()
         self.trouble = ''
+        if lost := self._system.lost[before:]:
+            raise Sesa2Error(f'stopped, but {"; ".join(map(str, lost))}')
         return 'stopped'
 
     def _record(self) -> str:
@@ -139,4 +144,5 @@ class RemoteControl(rclpy.node.Node):
             return [('run', WARN, 'stopped', {})]
         recorder = self._system.recorder
         recording = str(recorder.path) if recorder else ''
-        return [('run', OK, 'running', {'source': self._configuration.run.source, 'recording': recording})]
+        level, text = (WARN, f'running; {self._system.lost[-1]}') if self._system.lost else (OK, 'running')
+        return [('run', level, text, {'source': self._configuration.run.source, 'recording': recording})]

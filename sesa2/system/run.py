@@ -14,6 +14,7 @@ from pathlib import Path
 from sesa2.configuration import Configuration
 from sesa2.configuration.chosen_files import ChosenFiles
 from sesa2.errors import Sesa2Error
+from sesa2.ros.lifeline import Lifeline
 from sesa2.ros.spinning import Spinner, ros_context
 from sesa2.system.remote_control import RemoteControl
 from sesa2.system.terminal import Terminal
@@ -22,6 +23,7 @@ from sesa2.viewer.web_port import LOOPBACK, check_port
 
 # The link's thread and the executor take turns: Python's 5 ms would be as long as a result may take.
 _SWITCH_S = 0.0005
+_VIEWER_PATIENCE_S = 5.0
 
 
 def run(
@@ -57,7 +59,7 @@ def run(
     Raises
     ------
     Sesa2Error
-        a node cannot start, or cannot go on; or the page cannot be shown.
+        a node cannot start, or cannot go on; the page cannot be shown; or, at the end, something was lost on the way.
     """
     if viewer_port:
         check_port(LOOPBACK, viewer_port)
@@ -72,29 +74,37 @@ def run(
             _spin(spinner, system, lambda: stop.is_set() or system.finished or time.monotonic() > ends)
             if system.failure:
                 raise system.failure
-            return
-        chosen = ChosenFiles(folder or Path.cwd())
-        node = RemoteControl(system, configuration, chosen)
-        spinner.add(node)
-        viewer = stack.enter_context(_Viewer(viewer_port, node.get_namespace(), chosen.folder))
-        node.try_to_start()
+        else:
+            chosen = ChosenFiles(folder or Path.cwd())
+            node = RemoteControl(system, configuration, chosen)
+            spinner.add(node)
+            viewer = stack.enter_context(_Viewer(viewer_port, node.get_namespace(), chosen.folder))
+            node.try_to_start()
 
-        def ended() -> bool:
-            if stop.is_set() or time.monotonic() > ends:
-                return True
-            node.look_after()
-            viewer.look_after()
-            return False
+            def ended() -> bool:
+                if stop.is_set() or time.monotonic() > ends:
+                    return True
+                node.look_after()
+                viewer.look_after()
+                return False
 
-        _spin(spinner, system, ended)
+            _spin(spinner, system, ended)
+        system.stop()
+        if system.lost:
+            raise Sesa2Error('; '.join(dict.fromkeys(map(str, system.lost))))
 
 
 def _spin(spinner: Spinner, system: System, ended: Callable[[], bool]) -> None:
     """Spin until ended, with a line a second on the terminal about what runs."""
     terminal = Terminal(system)
+    n_told = 0
     while not ended():
         spinner.spin_once()
         system.check_claims()
+        system.end_failed()
+        for error in system.lost[n_told:]:
+            print(f'error: {error}; the others go on', file=sys.stderr)
+        n_told = len(system.lost)
         terminal.show_when_due()
     if not system.failure:
         terminal.show_summary()
@@ -109,11 +119,16 @@ class _Viewer:
             arguments += ['-r', f'__ns:={namespace}']
         self._again = ' '.join(['python', *arguments])
         self._told = False
+        self._lifeline = Lifeline()
         command = [sys.executable, *arguments, '-p', f'files:={json.dumps(str(folder))}']
         # Ctrl-C reaches it too, also while it loads its libraries; it is ended from here.
         self._process = subprocess.Popen(
-            command, preexec_fn=partial(signal.signal, signal.SIGINT, signal.SIG_IGN)
+            command,
+            preexec_fn=partial(signal.signal, signal.SIGINT, signal.SIG_IGN),
+            pass_fds=(self._lifeline.descriptor,),
+            env=self._lifeline.environment,
         )
+        self._lifeline.let_go()
 
     def look_after(self) -> None:
         """Without a page from the beginning there is no use in going on; a page that is lost later must stop nothing.
@@ -123,11 +138,11 @@ class _Viewer:
         Sesa2Error
             it could not start.
         """
-        code = self._process.poll()
-        if code is None or self._told:
+        started = self._lifeline.started
+        if self._told or self._process.poll() is None:
             return
         self._told = True
-        if code > 0:
+        if not (started or self._lifeline.started):
             raise Sesa2Error('the page could not be shown')
         print(f'the viewer has ended, the system goes on; `{self._again}` shows it again', file=sys.stderr)
 
@@ -136,4 +151,9 @@ class _Viewer:
 
     def __exit__(self, *_: object) -> None:
         self._process.terminate()
-        self._process.wait()
+        try:
+            self._process.wait(_VIEWER_PATIENCE_S)
+        except subprocess.TimeoutExpired:  # it hangs, or was stopped: then it hears only this
+            self._process.kill()
+            self._process.wait()
+        self._lifeline.close()

@@ -6,25 +6,29 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeVar
 
-from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from sesa2.bags.reading import ImuRecording
 from sesa2.bags.recording import open_recording
 from sesa2.configuration import Configuration, ConfigurationError, Mistake
 from sesa2.errors import Sesa2Error
+from sesa2.faults import fault_line
 from sesa2.link.virtual.virtual_board import VirtualBoard
 from sesa2.nodes.calibration import CalibrationNode
 from sesa2.nodes.estimator import EstimatorNode
 from sesa2.nodes.player import Player
 from sesa2.nodes.recorder import Recorder
 from sesa2.nodes.serial_bridge import SerialBridge
+from sesa2.ros.confined_node import ConfinedNode
 from sesa2.ros.parameters import ORIGIN, overrides
 from sesa2.ros.spinning import Spinner
 from sesa2.system.claims import Claims
 from sesa2.system.virtual_source import make_virtual_boards
 
-_Node = TypeVar('_Node', bound=Node)
+_Node = TypeVar('_Node', bound=ConfinedNode)
+
+# Without these the others go on: only what they keep is lost.
+_EXPENDABLE = (Recorder, CalibrationNode)
 
 # A Mega's boot loader takes up to 3 s before the firmware answers.
 _BOARD_PATIENCE_S = 5.0
@@ -52,6 +56,8 @@ class System:
         the virtual boards, where the source is `sim`.
     configuration
         of what runs, or ran last; None before the first start.
+    lost
+        what became of nodes that ended before the others, or could not end well; of all starts.
     """
 
     def __init__(
@@ -66,19 +72,30 @@ class System:
         self._origin = origin
         self._claims = Claims(namespace, with_page)
         self._options: dict[str, Any] = {}
-        self.nodes: list[Node] = []
+        self.nodes: list[ConfinedNode] = []
         self.boards: list[VirtualBoard] = []
         self.configuration: Configuration | None = None
+        self.lost: list[Sesa2Error] = []
 
     @property
     def failure(self) -> Sesa2Error | None:
-        """Why a node cannot go on; None while all can."""
-        return next((failure for node in self.nodes if (failure := getattr(node, 'failure', None))), None)
+        """Why a node cannot go on that the others need; None while all can."""
+        return next((node.failure for node in self._needed if node.failure), None)
 
     @property
     def finished(self) -> bool:
-        """Whether a node has come to its end: a bag that was played, a link that cannot be made."""
-        return any(getattr(node, 'finished', False) for node in self.nodes)
+        """Whether a node that the others need has come to its end: a bag was played, a link cannot be made."""
+        return any(node.finished for node in self._needed)
+
+    @property
+    def _needed(self) -> list[ConfinedNode]:
+        return [node for node in self.nodes if not isinstance(node, _EXPENDABLE)]
+
+    def end_failed(self) -> None:
+        """End the nodes that have failed and that the others do not need; why is in `lost` then."""
+        for node in [node for node in self.nodes if isinstance(node, _EXPENDABLE) and node.failure]:
+            self.nodes.remove(node)
+            self._end(node)
 
     def check_claims(self, configuration: Configuration | None = None) -> None:
         """Look whether somebody else publishes what this configuration would, or, where it is None, what runs does.
@@ -150,7 +167,7 @@ class System:
     def stop(self) -> None:
         """End all nodes, the last started first."""
         while self.nodes:
-            self._spinner.remove(self.nodes.pop())
+            self._end(self.nodes.pop())
         while self.boards:
             self.boards.pop().close()
 
@@ -158,6 +175,18 @@ class System:
         """End all nodes for good."""
         self.stop()
         self._claims.close()
+
+    def _end(self, node: ConfinedNode) -> None:
+        """End a node, whatever it says to that."""
+        name = node.get_name()
+        if isinstance(node, _EXPENDABLE) and node.failure:
+            self.lost.append(node.failure)
+        try:
+            self._spinner.remove(node)
+        except Sesa2Error as error:
+            self.lost.append(error)
+        except Exception as error:
+            self.lost.append(Sesa2Error(f'{name}: {fault_line(error)}'))
 
     def record(self, file: str) -> Path:
         """Start recording into a new bag; its path.
@@ -213,14 +242,14 @@ class System:
     def _running(self, kind: type[_Node]) -> _Node | None:
         return next((node for node in self.nodes if isinstance(node, kind)), None)
 
-    def _keep(self, node: Node) -> None:
+    def _keep(self, node: ConfinedNode) -> None:
         self.nodes.append(node)
         self._spinner.add(node)
 
 
-def _wanted(c: Configuration) -> list[Callable[..., Node]]:
+def _wanted(c: Configuration) -> list[Callable[..., ConfinedNode]]:
     """Listeners first, so that nothing which is said is missed."""
-    wanted: list[Callable[..., Node]] = []
+    wanted: list[Callable[..., ConfinedNode]] = []
     if c.run.mode == 'stream':
         if c.record.file:
             wanted.append(Recorder)

@@ -61,14 +61,23 @@ class Rod:
         return 2.0 / 3.0 * self.bending_stiffness
 
     @property
+    def cross_section(self) -> float:
+        """A, m²."""
+        return np.pi * self.radius**2
+
+    @property
     def hand_stiffness(self) -> float:
-        """Spring of the hand, N/m: 1500 on the paper's arm, and as stiff against any other."""
-        return 11250.0 * self.bending_stiffness / self.length**3
+        """Spring of the hand, N/m: that of the rod itself against stretching, 1500 on the paper's arm."""
+        return self.youngs_modulus * self.cross_section / self.length
 
     @property
     def hand_damping(self) -> float:
-        """Damper of the hand, N s/m: 8 on the paper's arm."""
-        return self.hand_stiffness / 187.5
+        """Damper of the hand, N s/m: a third of the rod's impedance to stretching waves, 8 on the paper's arm.
+
+        A step that resolves those waves, which pass an element of mass m in m over impedance, then resolves the hand
+        too, whatever the size of the arm.
+        """
+        return self.cross_section * float(np.sqrt(self.youngs_modulus * self.density)) / 3.0
 
     @property
     def longest_step(self) -> float:

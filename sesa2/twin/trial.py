@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from sesa2.errors import Sesa2Error
+from sesa2.regular_files import why_no_regular_file
 from sesa2.sensing.imu.error_model import orientations_at
 from sesa2.shape.rotations import FloatArray
 
@@ -119,6 +120,8 @@ class Trial:
         """
         names = [item.name for item in fields(cls)]
         try:
+            if why := why_no_regular_file(path):
+                raise TrialError(f'{path} {why}')
             with np.load(path, allow_pickle=False) as file:
                 missing = [name for name in names if name not in file.files]
                 if missing:

@@ -13,6 +13,7 @@ import viser
 from sesa2.configuration import Configuration, files
 from sesa2.configuration.chosen_files import ChosenFiles
 from sesa2.errors import Sesa2Error
+from sesa2.faults import fault_line
 from sesa2.messages.colours import model_colours
 from sesa2.viewer.fields import mistake_html
 from sesa2.viewer.form import Form
@@ -209,6 +210,8 @@ class Page:
             self._tell(action() or 'done')
         except Sesa2Error as error:
             self._tell(str(error), bad=True)
+        except Exception as error:
+            self._tell(fault_line(error), bad=True)
         finally:
             self._busy.release()
 

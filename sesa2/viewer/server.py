@@ -6,6 +6,7 @@ The panel starts and stops things, so a page of somebody else in the same browse
 
 import contextlib
 import http
+import http.client
 import io
 import ipaddress
 import socket
@@ -18,8 +19,10 @@ import websockets.asyncio.server
 from websockets import Headers
 from websockets.http11 import Request, Response
 
-from sesa2.errors import Sesa2Error
+from sesa2.errors import Sesa2Error, shown
 from sesa2.viewer.web_port import LOOPBACK, check_port
+
+_ANSWER_S = 10.0
 
 
 class PageServer(viser.ViserServer):
@@ -57,6 +60,11 @@ def open_server(host: str = LOOPBACK, port: int = 8080) -> PageServer:
     if port and server.get_port() != port:
         server.stop()
         raise Sesa2Error(f'the page cannot listen on {host}, port {port}: it was taken a moment ago')
+    try:
+        _require_refusals(server)
+    except Sesa2Error:
+        server.stop()
+        raise
     return server
 
 
@@ -94,6 +102,43 @@ def _is_address(name: str) -> bool:
     except ValueError:
         return False
     return True
+
+
+def _require_refusals(server: PageServer) -> None:
+    """Ask as a foreign page would: with another viser the check may never be called, and then nobody may be served.
+
+    Raises
+    ------
+    Sesa2Error
+        it is answered by anything but a refusal.
+    """
+    host = server.get_host()
+    own = {'': LOOPBACK, '0.0.0.0': LOOPBACK, '::': '::1'}.get(host, host)
+    port = server.get_port()
+    socket_headers = {
+        'Connection': 'Upgrade',
+        'Upgrade': 'websocket',
+        'Sec-WebSocket-Version': '13',
+        'Sec-WebSocket-Key': 'AAAAAAAAAAAAAAAAAAAAAA==',
+        'Sec-WebSocket-Protocol': f'viser-v{viser.__version__}',
+    }
+    for headers in (
+        {'Host': f'foreign.invalid:{port}'},
+        {'Host': f'{LOOPBACK}:{port}', 'Origin': 'http://foreign.invalid', **socket_headers},
+    ):
+        connection = http.client.HTTPConnection(own, port, timeout=_ANSWER_S)
+        try:
+            connection.request('GET', '/', headers=headers)
+            status: object = connection.getresponse().status
+        except (OSError, http.client.HTTPException) as error:
+            status = error
+        finally:
+            connection.close()
+        if status != http.HTTPStatus.FORBIDDEN:
+            raise Sesa2Error(
+                f'the page would be open to pages of others: one was answered {shown(status)}, expected a refusal, '
+                f'403; viser {viser.__version__} does not ask the check of sesa2'
+            )
 
 
 @contextlib.contextmanager

@@ -23,19 +23,26 @@ class Motion(NamedTuple):
     tip: np.ndarray  # (n, 3), m
 
 
-def moving_arm(rng, n_imu=8, seconds=100.0, bend=1.2, twist=0.0, base=IDENTITY, length=0.66):
-    """Three smooth modes of bending that vanish at the tip, each a random function of time; `bend` rad rms in all."""
+def moving_arm(
+    rng, n_imu=8, seconds=100.0, bend=1.2, twist=0.0, base=IDENTITY, length=0.66, sizes=(1.0, 0.6, 0.3)
+):
+    """Smooth modes of bending that vanish at the tip, each a random function of time; `bend` rad rms in all.
+
+    `sizes` of the modes, that of the longest wave first.
+    """
     n = int(seconds * RATE)
     at = np.arange(1, n_imu + 1) * (FINE - 4) // n_imu
     u = (np.arange(FINE) + 0.5) / FINE
-    modes = np.cos(np.outer([0.5, 1.5, 2.5], np.pi * u))
+    modes = np.cos(np.outer(np.arange(len(sizes)) + 0.5, np.pi * u))
 
     def wave(*shape):
         w = gaussian_filter1d(rng.normal(size=(n, *shape)), RATE * 0.7, axis=0)
         return w / w.std(axis=0)
 
     curvature = np.zeros((n, FINE, 3))
-    curvature[..., :2] = bend * np.einsum('tma,mf->tfa', wave(3, 2) * [[1.0], [0.6], [0.3]], modes)
+    curvature[..., :2] = bend * np.einsum(
+        'tma,mf->tfa', wave(len(sizes), 2) * np.array(sizes)[:, None], modes
+    )
     curvature[..., 2] = twist * wave(1)  # constant along an arm that bears no couple but at its ends
     turns = from_rotation_vector(curvature / FINE)
     q = np.empty((n, FINE + 1, 4))

@@ -84,6 +84,23 @@ def test_exchanged_imus_fit_no_smooth_shape():
                 calibrate(motion, q)
 
 
+@pytest.mark.parametrize(
+    ('n_imu', 'bend', 'n_modes'), [(16, 4.0, 6), (16, 6.0, 8), (8, 4.0, 6), (16, 1.2, 3), (4, 2.5, 3)]
+)
+def test_a_long_thin_arm_fits_however_much_it_bends(n_imu, bend, n_modes):
+    """And with exchanged IMUs it does not."""
+    rng = np.random.default_rng(1)
+    sizes = 0.8 ** np.arange(n_modes)
+    motion = moving_arm(rng, n_imu=n_imu, seconds=60.0, bend=bend, length=3.0, sizes=sizes)
+    q, _ = measure(rng, motion.links)
+    assert calibrate(motion, q).misfit < 0.25
+    a, b = n_imu // 3, n_imu // 2 + 1
+    q[:, [a, b]] = q[:, [b, a]]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr('sesa2.alignment.self_calibration._NO_FIT', np.inf)
+        assert calibrate(motion, q).misfit > 0.3
+
+
 def test_an_arm_without_errors_stays_as_it_is():
     rng = np.random.default_rng(2)
     motion = moving_arm(rng)

@@ -2,11 +2,14 @@
 
 import numpy as np
 import pytest
+from moving_arm import measure as arm_measure
+from moving_arm import moving_arm, tip_error
 from scipy.spatial.transform import Rotation
 
 from sesa2.alignment.straight_pose import AlignmentError, align_straight, mean_rotation
 from sesa2.sensing.imu.error_model import Bno055Errors, measure
 from sesa2.sensing.imu.mounting import Mounting
+from sesa2.shape.models import create_model
 from sesa2.shape.rotations import IDENTITY, from_rotation_vector, multiply, normalize
 
 IDS = (2, 4, 6)
@@ -62,6 +65,42 @@ def test_a_turn_about_the_axis_is_left_alone_but_told(rng):
     got = align_straight(q, np.ones((120, 3), bool), UP, mountings, np.zeros(3), ids=IDS)
     np.testing.assert_allclose(np.rad2deg(got.corrections), 0.0, atol=0.1)
     np.testing.assert_allclose(np.rad2deg(got.unexplained), [20.0, -5.0, 0.0], atol=0.1)
+
+
+@pytest.mark.parametrize('base', [UP, DOWN], ids=['up', 'down'])
+def test_what_relates_link_and_base_is_a_twist_and_a_swing_and_the_swing_alone_is_corrected(rng, base):
+    """However large both are: a logarithm's x and y would mix them."""
+    mountings = np.tile(IDENTITY, (3, 1))
+    swings = np.deg2rad([[20.0, -10.0, 0.0], [0.0, 25.0, 0.0], [-15.0, 5.0, 0.0]])
+    twists = np.deg2rad([70.0, -120.0, 30.0])
+    q = multiply(multiply(base, about_z(twists)), from_rotation_vector(swings))
+    q = np.tile(q, (50, 1, 1))
+    got = align_straight(q, np.ones((50, 3), bool), base, mountings, np.zeros(3), ids=IDS)
+    np.testing.assert_allclose(got.corrections, swings, atol=1e-9)
+    np.testing.assert_allclose(got.unexplained, twists, atol=1e-9)
+    left = Mounting(got.mountings, got.headings).link_orientations(q[0])
+    expected = Rotation.from_quat(base) * Rotation.from_euler('z', twists[:, None])
+    assert (expected.inv() * Rotation.from_quat(left)).magnitude().max() < 1e-9
+    assert len(got.doubts(IDS)) == 3  # and each is told of
+
+
+@pytest.mark.parametrize('base', [UP, FLAT], ids=['up', 'flat'])
+def test_positions_get_no_worse_by_a_straight_pose(base):
+    """Headings as a chip's in a room with iron; lying flat they look like tilt, and are taken off as such."""
+    raw, after = [], []
+    for seed in range(4):
+        rng = np.random.default_rng(seed)
+        motion = moving_arm(rng, base=base, bend=1.5, seconds=30.0)
+        held = np.tile(base, (100, 8, 1))
+        q, _ = arm_measure(rng, np.concatenate([held, motion.links]), mounting=2.0, heading=6.0)
+        found = align_straight(
+            q[:100], np.ones((100, 8), bool), base, np.tile(IDENTITY, (8, 1)), np.zeros(8), ids=range(1, 9)
+        )
+        model = create_model('spline', motion.layout)
+        raw.append(tip_error(model, q[100:], motion))
+        links = Mounting(found.mountings, found.headings).link_orientations(q[100:])
+        after.append(tip_error(model, links, motion))
+    assert np.mean(after) < np.mean(raw)
 
 
 @pytest.mark.parametrize('base', [UP, DOWN, OBLIQUE], ids=['up', 'down', 'oblique'])

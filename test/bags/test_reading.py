@@ -1,3 +1,5 @@
+import os
+
 import numpy as np
 import pytest
 from made_samples import START_NS, make_samples, write_samples
@@ -158,3 +160,9 @@ def test_poses_that_do_not_fit_together(tmp_path):
     write_poses(tmp_path / 'none', [])
     with pytest.raises(Sesa2Error, match='no message on /mocap/markers'):
         read_poses(tmp_path / 'none', 'mocap/markers')
+
+
+def test_a_pipe_is_refused_and_not_waited_for(tmp_path):
+    os.mkfifo(tmp_path / 'pipe.mcap')
+    with pytest.raises(Sesa2Error, match=r'pipe\.mcap: is a pipe, expected a file'):
+        open_recording(tmp_path / 'pipe.mcap')

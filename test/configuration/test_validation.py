@@ -1,11 +1,14 @@
 """Every mistake is found at once, with its place and what is allowed."""
 
 import math
+import os
 from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
+from hypothesis import given
+from hypothesis import strategies as st
 
 from sesa2.configuration import ConfigurationError, files, validate
 from sesa2.configuration.description import describe
@@ -244,8 +247,79 @@ def test_a_missing_file_lists_the_shipped_ones(tmp_path):
         files.find('prototype9')
     with pytest.raises(ConfigurationError, match='is a folder'):
         files.find(str(tmp_path))
-    with pytest.raises(ConfigurationError, match='cannot be read'):
+    with pytest.raises(ConfigurationError, match='is a folder, expected a file'):
         files.load(tmp_path)
+    for name, expected in (
+        ('x' * 5000, 'cannot be read: File name too long'),
+        ('a\0b', 'cannot be read: embedded null byte'),
+        ('\udcff', 'no such file'),
+    ):
+        with pytest.raises(ConfigurationError, match=expected) as caught:
+            files.find(name)
+        assert len(str(caught.value)) < 400
+
+
+def test_what_would_never_end_is_not_read(tmp_path):
+    os.mkfifo(tmp_path / 'pipe.yaml')
+    (tmp_path / 'loop.yaml').symlink_to('loop.yaml')
+    for name, expected in (
+        ('pipe', 'is a pipe, expected a file'),
+        ('loop', 'Too many levels of symbolic links'),
+    ):
+        path = tmp_path / f'{name}.yaml'
+        with pytest.raises(ConfigurationError, match=expected):
+            files.load(files.find(str(path)))
+
+
+VALUES = [
+    '{{ LENGTH }}', '{? [1, 2] : 3}', '2024-02-31', '2024-02-29', '!!int x', '9' * 5000, '9' * 99, '1e999', '.nan',
+    '[' * 10_000, '"\\ud800"', '"\\0"', f'"{"x" * 100_000}"', f'{{{"x" * 100_000}: 1}}', '!!set {a, b}',
+    '!!binary aGVsbG8=', '[.inf, 1, x, [[[[[[[1]]]]]]]]', '&a [*a]', '!!omap [{a: 1}]', '{1: 2, null: 3}',
+    '[' + '&b [&c [&d [1,2,3],*d,*d,*d,*d,*d],*c,*c,*c,*c,*c,*c],*b,*b,*b,*b,*b,*b' + ']',
+    '[' + 'x, ' * 9000 + ']', '{' + ', '.join(f'key{i}: 1' for i in range(4900)) + '}',
+]  # fmt: skip
+
+PLACES = [
+    'arm',
+    'arm.length',
+    'imus.ids',
+    'imus.positions',
+    'markers.names',
+    'rigid.boundaries',
+    'models',
+    'x',
+]
+
+
+@pytest.mark.parametrize('value', VALUES, ids=range(len(VALUES)))
+@pytest.mark.parametrize('place', PLACES)
+def test_a_strange_value_is_a_mistake_told_in_a_few_lines(place, value):
+    section, _, key = place.partition('.')
+    inner = f'{{{key}: {value}}}' if key else value
+    with pytest.raises(ConfigurationError) as caught:
+        files.parse(f'/**:\n  ros__parameters:\n    {section}: {inner}\n', 'a test')
+    assert len(str(caught.value)) < 15_000
+    str(caught.value).encode()
+
+
+@given(
+    st.dictionaries(
+        st.sampled_from(['arm', 'imus', 'models', 'links', 'run', 'serial', 'x', 'sweep_timeout'])
+        | st.text(),
+        st.recursive(
+            st.none() | st.booleans() | st.integers() | st.floats() | st.text() | st.dates() | st.binary(),
+            lambda inner: (
+                st.lists(inner)
+                | st.dictionaries(st.sampled_from(['length', 'ids', 'positions', 'port', 'bag']), inner)
+            ),
+        ),
+    )
+)
+def test_any_values_give_a_configuration_or_the_error(given_values):
+    try:
+        validate({'arm': {'length': 0.3}, 'imus': {'ids': [1], 'positions': [0.1]}, **given_values})
+    except ConfigurationError as error:
+        str(error).encode()
 
 
 def test_mountings_are_normalised():

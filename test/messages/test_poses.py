@@ -5,7 +5,7 @@ import pytest
 
 from sesa2.errors import Sesa2Error
 from sesa2.messages.cdr import CdrLayout
-from sesa2.messages.poses import read_path, read_pose_array
+from sesa2.messages.poses import read_path, read_pose, read_pose_array
 
 STAMP_NS = 1_700_000_000_123_456_789
 
@@ -45,6 +45,11 @@ def test_what_ros_serialises_is_read_back(frame, n):
         got = read(bytes(serialization.serialize_message(message)))
         assert got.stamp_ns == STAMP_NS
         np.testing.assert_array_equal(got.poses, poses(n))
+    if n == 1:
+        path.poses[0].header.stamp = path.header.stamp
+        got = read_pose(bytes(serialization.serialize_message(path.poses[0])))
+        assert got.stamp_ns == STAMP_NS
+        np.testing.assert_array_equal(got.poses, poses(1))
 
 
 def made(n):

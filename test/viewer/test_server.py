@@ -1,5 +1,6 @@
 """Who is answered by the page's server, and who is not."""
 
+import contextlib
 import socket
 
 import pytest
@@ -9,10 +10,11 @@ from sesa2.errors import Sesa2Error
 pytest.importorskip('viser', reason='viser is not installed: pip install sesa2[viewer]')
 
 import viser
+import websockets.asyncio.server
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
-from sesa2.viewer.server import address, open_server
+from sesa2.viewer.server import PageServer, address, open_server, refusal
 
 
 @pytest.fixture(scope='module')
@@ -75,6 +77,41 @@ def test_a_busy_port_is_refused_and_not_replaced(server):
 def test_an_address_of_another_machine_is_refused():
     with pytest.raises(Sesa2Error, match=r'192\.0\.2\.1'):
         open_server('192.0.2.1', 0)
+
+
+def test_a_server_that_does_not_ask_the_check_is_not_opened(monkeypatch):
+    """As another viser could, which starts its server in a way of its own."""
+    started = []
+    serve = websockets.asyncio.server.serve
+
+    @contextlib.contextmanager
+    def bypassed(host):
+        yield
+
+    class Noted(PageServer):
+        def __init__(self, **options):
+            super().__init__(**options)
+            started.append(self.get_port())
+
+    monkeypatch.setattr('sesa2.viewer.server._only_own_pages', bypassed)
+    monkeypatch.setattr('sesa2.viewer.server.PageServer', Noted)
+    with pytest.raises(Sesa2Error, match=r'open to pages of others.*200.*viser .* does not ask'):
+        open_server(port=0)
+    assert websockets.asyncio.server.serve is serve
+    [port] = started
+    with pytest.raises(ConnectionRefusedError):
+        socket.create_connection(('127.0.0.1', port))
+
+
+def test_a_check_that_looks_at_names_alone_is_not_enough(monkeypatch):
+    def without_origin(headers, names):
+        headers = headers.copy()
+        headers.pop('Origin', None)
+        return refusal(headers, names)
+
+    monkeypatch.setattr('sesa2.viewer.server.refusal', without_origin)
+    with pytest.raises(Sesa2Error, match='open to pages of others'):
+        open_server(port=0)
 
 
 def test_it_is_not_shared_with_the_public(server):

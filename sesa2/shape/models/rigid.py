@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sesa2.errors import shown
 from sesa2.shape.arm import GeometryError
 from sesa2.shape.chain import ChainModel
 from sesa2.shape.layout import Layout
@@ -44,7 +45,7 @@ class Rigid(ChainModel):
         if isinstance(boundaries, str):
             if boundaries not in ('midpoint', 'endpoint'):
                 raise GeometryError(
-                    f"boundaries = {boundaries!r}, expected 'midpoint', 'endpoint' or a list of arc lengths"
+                    f"boundaries = {shown(boundaries)}, expected 'midpoint', 'endpoint' or a list of arc lengths"
                 )
             inner = 0.5 * (at[:-1] + at[1:]) if boundaries == 'midpoint' else at[:-1]
         else:

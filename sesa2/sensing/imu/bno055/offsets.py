@@ -7,7 +7,6 @@ are full, kept here, and written back at every start.
 import os
 import stat
 import struct
-import tempfile
 from collections.abc import Iterable
 from dataclasses import astuple, dataclass
 from datetime import datetime, timezone
@@ -16,7 +15,9 @@ from typing import Any, NamedTuple
 
 import yaml
 
-from sesa2.errors import Sesa2Error
+from sesa2.errors import Sesa2Error, shortened, shown
+from sesa2.partial_files import lock_partial, partial_path, sweep_partials
+from sesa2.yaml_reading import YamlError, read_yaml_file
 
 Vector = tuple[int, int, int]
 
@@ -68,6 +69,24 @@ class SavedOffsets(NamedTuple):
     """Ids that the file has no entry for: these IMUs start uncalibrated, which the user is to be told."""
 
 
+def offsets_are_there(path: Path | str) -> bool:
+    """Whether there is anything where a calibration file is expected.
+
+    Raises
+    ------
+    OffsetsError
+        that cannot be known: a link to itself, or a path that no system takes.
+    """
+    try:
+        Path(path).stat()
+    except FileNotFoundError:
+        return False
+    except (OSError, ValueError) as error:
+        why = error.strerror if isinstance(error, OSError) else error
+        raise OffsetsError(f'calibration file {path}: cannot be read: {why}') from None
+    return True
+
+
 def load_offsets(path: Path | str, ids: Iterable[int]) -> SavedOffsets:
     """Read the offsets of some IMUs; entries of others are left unread.
 
@@ -105,8 +124,8 @@ def save_offsets(path: Path | str, imu_id: int, offsets: Offsets, saved_at: date
         If the file there is no calibration file (it is not overwritten then), or the new one cannot be written
         (the old one is untouched then).
     """
+    document = _read(Path(path)) if offsets_are_there(path) else {'imus': {}}
     path = Path(path).resolve()
-    document = _read(path) if path.exists() else {'imus': {}}
     entry: dict[str, Any] = {key: list(getattr(offsets, key)) for key in _VECTORS}
     entry |= {key: getattr(offsets, key) for key in _RADII}
     entry['saved_at'] = (saved_at or datetime.now(timezone.utc)).isoformat(timespec='seconds')
@@ -119,18 +138,21 @@ def save_offsets(path: Path | str, imu_id: int, offsets: Offsets, saved_at: date
 
 
 def _replace(path: Path, content: bytes) -> None:
-    mode = stat.S_IMODE(path.stat().st_mode) if path.exists() else 0o644
-    descriptor, name = tempfile.mkstemp(prefix=f'.{path.name}.', dir=path.parent)
-    try:
-        with os.fdopen(descriptor, 'wb') as file:
+    """The mode stays as it is; of a new file it is what the umask leaves."""
+    sweep_partials(path)
+    partial = partial_path(path)
+    with partial.open('xb') as file:
+        try:
+            lock_partial(file.fileno())
+            if path.exists():
+                os.fchmod(file.fileno(), stat.S_IMODE(path.stat().st_mode))
             file.write(content)
             file.flush()
-            os.fchmod(file.fileno(), mode)
             os.fsync(file.fileno())
-        Path(name).replace(path)
-    except BaseException:
-        Path(name).unlink(missing_ok=True)
-        raise
+            partial.replace(path)
+        except BaseException:
+            partial.unlink(missing_ok=True)
+            raise
     # The rename itself is on the disk only when its directory is.
     directory = os.open(path.parent, os.O_RDONLY | os.O_DIRECTORY)
     try:
@@ -139,44 +161,27 @@ def _replace(path: Path, content: bytes) -> None:
         os.close(directory)
 
 
-class _Loader(yaml.SafeLoader):
-    """Refuses a key that stands twice, where YAML would silently take the last."""
-
-    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
-        seen = set()
-        for key_node, _ in node.value:
-            key = self.construct_object(key_node, deep=True)
-            if isinstance(key, (str, int)):
-                if key in seen:
-                    raise yaml.MarkedYAMLError(
-                        problem=f'key {key} stands twice', problem_mark=key_node.start_mark
-                    )
-                seen.add(key)
-        return super().construct_mapping(node, deep)
-
-
 def _read(path: Path) -> dict[str, Any]:
     try:
-        document = yaml.load(path.read_bytes(), _Loader)
-    except OSError as error:
-        raise OffsetsError(f'calibration file {path}: {error.strerror}') from None
-    except yaml.YAMLError as error:
-        mark = getattr(error, 'problem_mark', None)
-        place = f', line {mark.line + 1}, column {mark.column + 1}' if mark else ''
-        raise OffsetsError(f'{path}{place}: {getattr(error, "problem", None) or error}') from None
+        document = read_yaml_file(path)
+    except YamlError as error:
+        place = f'{path}, {error.place}' if error.place else f'calibration file {path}'
+        raise OffsetsError(f'{place}: {error.problem}') from None
     if not isinstance(document, dict) or not isinstance(document.get('imus'), dict):
         raise OffsetsError(
             f'{path}: no calibration file, expected a mapping "imus: {{1: {{accel_offset: […], …}}}}"'
         )
     for imu_id in document['imus']:
         if isinstance(imu_id, bool) or not isinstance(imu_id, int):
-            raise OffsetsError(f'{path}: imus.{imu_id}: an IMU is named by its id, a whole number')
+            raise OffsetsError(
+                f'{path}: imus.{shortened(str(imu_id))}: an IMU is named by its id, a whole number'
+            )
     return document
 
 
 def _parse(entry: object, place: str) -> Offsets:
     if not isinstance(entry, dict):
-        raise OffsetsError(f'{place}: expected a mapping of offsets, got {entry!r}')
+        raise OffsetsError(f'{place}: expected a mapping of offsets, got {shown(entry)}')
     for key in (*_VECTORS, *_RADII):
         if key not in entry:
             raise OffsetsError(f'{place}: key {key} is missing')
@@ -187,12 +192,12 @@ def _parse(entry: object, place: str) -> Offsets:
 
 def _vector(value: object, place: str) -> Vector:
     if not isinstance(value, list) or len(value) != 3:
-        raise OffsetsError(f'{place}: expected a list of 3 whole numbers [x, y, z], got {value!r}')
+        raise OffsetsError(f'{place}: expected a list of 3 whole numbers [x, y, z], got {shown(value)}')
     x, y, z = (_int16(number, f'{place}[{k}]') for k, number in enumerate(value))
     return x, y, z
 
 
 def _int16(value: object, place: str) -> int:
     if isinstance(value, bool) or not isinstance(value, int) or not -32768 <= value <= 32767:
-        raise OffsetsError(f'{place}: expected a whole number from -32768 to 32767, got {value!r}')
+        raise OffsetsError(f'{place}: expected a whole number from -32768 to 32767, got {shown(value)}')
     return value

@@ -1,7 +1,10 @@
 import errno
 import os
 import resource
+import signal
 import stat
+import subprocess
+import tempfile
 from datetime import datetime, timezone
 from pathlib import Path
 
@@ -9,6 +12,7 @@ import pytest
 import yaml
 from hypothesis import given
 from hypothesis import strategies as st
+from processes import Program
 
 from sesa2.sensing.imu.bno055.offsets import Offsets, OffsetsError, load_offsets, save_offsets
 
@@ -124,12 +128,12 @@ def test_save_keeps_mode_and_symbolic_link(path, tmp_path):
         ('1000', '1000.0', r'imus\.1\.accel_radius: expected a whole number .* got 1000\.0'),
         ('1000', 'true', r'imus\.1\.accel_radius: expected a whole number .* got True'),
         ('  1:', '  one:', r'imus\.one: an IMU is named by its id'),
-        ('  5:', '  1:', r'line 9, column 3: key 1 stands twice'),
+        ('  5:', '  1:', r'line 9, column 3: the key 1 stands here a second time'),
         ('[1, -2, 3]', '[1, -2, 3', r'line 4, column 15'),
         (FILE, 'imus: [1, 2]', 'expected a mapping'),
         (FILE, '', 'expected a mapping'),
         (FILE, 'imus: {1: 5}', r'imus\.1: expected a mapping of offsets, got 5'),
-        (FILE, '? {a: b}\n: c', 'hash|expected'),
+        (FILE, '? {a: b}\n: c', r'line 1, column 3: a mapping as a key'),
     ],
 )
 def test_a_bad_file_is_explained_with_its_place(path, old, new, message):
@@ -149,14 +153,14 @@ def test_what_is_no_calibration_file_is_not_overwritten(path, content):
 
 
 def test_a_file_that_is_not_there(tmp_path):
-    with pytest.raises(OffsetsError, match=r'nowhere\.yaml: No such file'):
+    with pytest.raises(OffsetsError, match=r'nowhere\.yaml: cannot be read: No such file'):
         load_offsets(tmp_path / 'nowhere.yaml', [1])
     with pytest.raises(OffsetsError, match='offsets of IMU 1 not saved: No such file'):
         save_offsets(tmp_path / 'nowhere' / 'new.yaml', 1, OFFSETS)
 
 
 def test_a_directory_or_bytes_that_are_no_text(tmp_path):
-    with pytest.raises(OffsetsError, match='Is a directory'):
+    with pytest.raises(OffsetsError, match='is a folder, expected a file'):
         load_offsets(tmp_path, [1])
     (tmp_path / 'binary').write_bytes(b'\xff\xfe\x00\x01\x02')
     with pytest.raises(OffsetsError, match='binary'):
@@ -203,3 +207,70 @@ def test_content_is_on_the_disk_before_the_rename_and_the_rename_before_the_end(
     monkeypatch.setattr(Path, 'replace', noted_replace)
     save_offsets(path, 2, OFFSETS)
     assert steps == ['file', 'rename', 'directory']
+
+
+@pytest.mark.parametrize('umask', [0o022, 0o077, 0o002])
+def test_a_new_file_keeps_the_umask(tmp_path, umask):
+    before = os.umask(umask)
+    try:
+        save_offsets(tmp_path / 'new.yaml', 1, OFFSETS)
+    finally:
+        os.umask(before)
+    assert stat.S_IMODE((tmp_path / 'new.yaml').stat().st_mode) == 0o666 & ~umask
+
+
+SAVER = """
+import os, sys
+from sesa2.sensing.imu.bno055 import offsets
+def stop(descriptor):
+    print('half', flush=True)
+    sys.stdin.read()
+os.fsync = stop
+offsets.save_offsets(sys.argv[1], 1, offsets.Offsets((0,) * 3, (0,) * 3, (0,) * 3, 0, 0))
+"""
+
+
+def test_a_save_that_was_killed_is_swept_by_the_next(path, tmp_path_factory):
+    output = tmp_path_factory.mktemp('output')
+    with Program(['-c', SAVER, path], output, stdin=subprocess.PIPE) as program:
+        program.until(lambda: 'half' in program.output, 'half a save')
+        save_offsets(path, 1, OFFSETS)
+        assert len(list(path.parent.iterdir())) == 2  # it is somebody's
+        program.signal(signal.SIGKILL)
+        program.ended()
+    save_offsets(path, 2, OFFSETS)
+    assert list(path.parent.iterdir()) == [path]
+    assert load_offsets(path, [1, 2]).offsets == {1: OFFSETS, 2: OFFSETS}
+
+
+def test_what_would_never_end_is_neither_read_nor_replaced(tmp_path):
+    os.mkfifo(tmp_path / 'pipe')
+    (tmp_path / 'loop').symlink_to('loop')
+    (tmp_path / 'long').symlink_to('x' * 300)
+    for name, expected in (
+        ('pipe', 'is a pipe, expected a file'),
+        ('loop', 'Too many levels of symbolic links'),
+        ('long', 'File name too long'),
+        ('.', 'is a folder, expected a file'),
+        ('a\0b', 'null'),
+    ):
+        path = tmp_path / name
+        for action in (lambda: load_offsets(path, [1]), lambda: save_offsets(path, 1, OFFSETS)):  # noqa: B023
+            with pytest.raises(OffsetsError, match=expected):
+                action()
+    assert {p.name for p in tmp_path.iterdir()} == {'pipe', 'loop', 'long'}
+    assert (tmp_path / 'loop').is_symlink()
+
+
+@given(st.one_of(st.binary(), st.text(alphabet='imus: {}[]\n1&*a"!').map(str.encode)))
+def test_any_file_gives_offsets_or_the_error(content):
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / 'offsets.yaml'
+        path.write_bytes(content)
+        try:
+            load_offsets(path, [1])
+        except OffsetsError as error:
+            message = str(error)
+        else:
+            message = ''
+        assert len(message) < 1000

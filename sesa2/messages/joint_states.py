@@ -1,0 +1,85 @@
+"""Joint states, from the bytes in which they arrive to arrays."""
+
+import struct
+from typing import NamedTuple
+
+import numpy as np
+
+from sesa2.errors import Sesa2Error
+from sesa2.messages.cdr import LITTLE_ENDIAN
+from sesa2.shape.rotations import FloatArray
+from sesa2.time import NS
+
+_STAMP = slice(len(LITTLE_ENDIAN), len(LITTLE_ENDIAN) + 8)
+
+
+class JointStateLayout(NamedTuple):
+    """Where the positions are in sensor_msgs/JointState of these joints: their names are read once.
+
+    Attributes
+    ----------
+    names
+        of the joints.
+    before
+        what stands between the stamp and the positions, the same in every message.
+    """
+
+    names: tuple[str, ...]
+    before: bytes
+
+    @classmethod
+    def of(cls, data: bytes) -> 'JointStateLayout':
+        """The layout of one message.
+
+        Raises
+        ------
+        Sesa2Error
+            the bytes are not one.
+        """
+        if data[:2] != LITTLE_ENDIAN[:2]:
+            raise Sesa2Error('a JointState that is not little-endian CDR')
+        try:
+            _, at = _read_string(data, _STAMP.stop)  # the frame
+            n, at = _read_count(data, at)
+            names = []
+            for _ in range(n):
+                name, at = _read_string(data, at)
+                names.append(name)
+            positions, at = _read_count(data, at)
+        except (struct.error, UnicodeDecodeError):
+            raise Sesa2Error(f'a JointState of {len(data)} bytes is not whole') from None
+        if positions != n:
+            raise Sesa2Error(f'a JointState with {positions} positions of {n} joints')
+        if n:
+            at += (len(LITTLE_ENDIAN) - at) % 8
+        return cls(tuple(names), data[_STAMP.stop : at])
+
+    def read(self, data: bytes) -> tuple[int, FloatArray]:
+        """Read a message.
+
+        Returns
+        -------
+        Its stamp, ns, and the positions, (n_joints,), rad.
+
+        Raises
+        ------
+        Sesa2Error
+            it is cut short, or of other joints.
+        """
+        first = _STAMP.stop + len(self.before)
+        if data[_STAMP.stop : first] != self.before or len(data) < first + 8 * len(self.names):
+            raise Sesa2Error(f'a JointState of {len(data)} bytes that is not of the joints before it')
+        seconds, nanoseconds = struct.unpack_from('<iI', data, _STAMP.start)
+        return seconds * NS + nanoseconds, np.frombuffer(data, '<f8', len(self.names), first)
+
+
+def _read_count(data: bytes, at: int) -> tuple[int, int]:
+    at += (len(LITTLE_ENDIAN) - at) % 4
+    return struct.unpack_from('<I', data, at)[0], at + 4
+
+
+def _read_string(data: bytes, at: int) -> tuple[str, int]:
+    n, at = _read_count(data, at)
+    if at + n > len(data):
+        raise struct.error
+    return data[at : at + n].rstrip(b'\0').decode(), at + n
