@@ -1,7 +1,6 @@
 """Results as files that other programs read: CSV, NumPy's npz, MATLAB's mat, and trajectories as TUM has them."""
 
 import csv
-import os
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any
@@ -11,6 +10,7 @@ import numpy as np
 from sesa2.bags.estimate_arrays import EstimateArrays, ModelArrays
 from sesa2.errors import Sesa2Error
 from sesa2.messages.topic_names import of_model
+from sesa2.partial_files import partial_path, sweep_partials
 from sesa2.shape.rotations import FloatArray
 from sesa2.time import NS
 
@@ -57,7 +57,9 @@ def write_arrays(estimate: EstimateArrays, out: str | Path) -> list[Path]:
     there = [path for path in parts if path.exists()]
     if there:
         raise Sesa2Error(f'{there[0]}: exists already, expected the name of a new file')
-    partial = {path: path.with_name(f'.{path.name}.{os.getpid()}.partial') for path in parts}
+    for path in parts:
+        sweep_partials(path)
+    partial = {path: partial_path(path) for path in parts}
     try:
         for path, write in parts.items():
             write(partial[path])

@@ -62,14 +62,14 @@ def read_sweeps(
     indices = configuration.imus.indices
     sweeps = []
     with open_recording(path, first_id) as recording:
-        imus = ImuRecording(recording, configuration.imus.stamps == 'arrival')
+        imus = ImuRecording(recording, configuration)
         for sample in imus.samples():
             if (index := indices.get(sample.id)) is not None:
                 sweeps += assembler.add(index, *sample[1:6], sample.log_ns)
         sweeps += assembler.flush()
         problems = [
             *recording.problems,
-            *imus.stamps.problems,
+            *imus.warnings,
             *(f'{n} samples not used: {why}' for why, n in assembler.dropped.items()),
             *(
                 f'IMU {configuration.imus.all_ids[index]}: {lag_in_words(lag)}'

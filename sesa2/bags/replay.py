@@ -1,7 +1,7 @@
 """The estimator over a whole recording, as fast as the machine can, with the results of a live run."""
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -19,7 +19,7 @@ from sesa2.estimation.sweeps import NO_BASE, Sweep
 from sesa2.estimation.time_steps import AHEAD_NS
 from sesa2.messages.imu_messages import TYPE as IMU_TYPE
 from sesa2.messages.results import ResultMessages
-from sesa2.messages.topic_names import CONFIGURATION, imu_data
+from sesa2.messages.topic_names import CONFIGURATION, imu_topics
 from sesa2.time import NS
 
 # Samples that are kept back for results that are to come before them.
@@ -59,7 +59,7 @@ class Summary:
     duration
         of the recording as the samples' stamps tell it, s, summed over what lies between jumps back.
     problems
-        of the recording, for people.
+        of the recording and of its IMUs, for people.
     """
 
     samples: Counter[int] = field(default_factory=Counter)
@@ -80,8 +80,6 @@ class Summary:
     def warnings(self) -> list[str]:
         """All that was not as it should be, for people."""
         lines = list(self.problems)
-        lines += [f'IMU {id_}: {n} messages not used: not in imus.ids' for id_, n in self.unknown.items()]
-        lines += [f'IMU {id_}: {n} messages not used: damaged' for id_, n in self.unreadable.items()]
         lines += [f'{n} samples not used: {reason}' for reason, n in self.dropped.items()]
         lines += [f'IMU {id_}: {lag_in_words(lag)}' for id_, lag in self.lags.items()]
         if self.silent_base:
@@ -136,13 +134,7 @@ def replay(
     if models is not None:
         configuration = files.parse(files.dump(replace(configuration, models=tuple(models))), '--models')
     with open_recording(source, first_id) as recording:
-        imus = ImuRecording(recording, configuration.imus.stamps == 'arrival')
-        indices = configuration.imus.indices
-        if not any(n for id_, n in imus.counts.items() if id_ in indices):
-            raise Sesa2Error(
-                f'{source}: no message of the configured IMUs {_listed(indices)}; '
-                f'it has topics of {_listed(imus.counts)}'
-            )
+        imus = ImuRecording(recording, configuration)
         total = sum(imus.counts.values())
         with new_bag(out) as bag:
             run = _Replay(configuration, imus, bag)
@@ -153,19 +145,15 @@ def replay(
                 if progress and done < total:
                     progress(done, total)
             summary = run.finish()
-            summary.unknown = Counter({id_: n for id_, n in imus.counts.items() if id_ not in indices})
+            summary.unknown = Counter({id_: imus.counts[id_] for id_ in imus.unknown})
             summary.unreadable = imus.unreadable
-            summary.problems = [*recording.problems, *imus.stamps.problems]
+            summary.problems = [*recording.problems, *imus.warnings]
             if not summary.sweeps:
-                reasons = '; '.join(summary.warnings) or 'the IMUs with samples are disabled'
+                reasons = '; '.join(summary.warnings)
                 raise Sesa2Error(f'{source}: no sweep in {total} samples: {reasons}')
         if progress:
             progress(total, total)
     return summary
-
-
-def _listed(ids: Iterable[int]) -> str:
-    return ', '.join(map(str, sorted(ids)))
 
 
 class _Replay:
@@ -191,7 +179,8 @@ class _Replay:
         recorded = (
             sorted(set(imus.counts) & set(configuration.imus.indices)) if configuration.record.imu else []
         )
-        self._imus = {id_: self._topic(imu_data(id_), IMU_TYPE) for id_ in recorded}
+        topics = imu_topics(configuration)
+        self._imus = {id_: self._topic(topics[id_], IMU_TYPE) for id_ in recorded}
         self._results = {
             topic: self._topic(*topic)
             for topic in self._messages.topics
@@ -206,8 +195,9 @@ class _Replay:
         self.summary = Summary()
 
     def _topic(self, name: str, type_name: str, *, latched: bool = False) -> int:
-        number = self._bag.add_topic(f'{self._namespace}{name}', type_name, latched=latched)
-        self._names[number] = f'{self._namespace}{name}'
+        full = name if name.startswith('/') else f'{self._namespace}{name}'
+        number = self._bag.add_topic(full, type_name, latched=latched)
+        self._names[number] = full
         return number
 
     def add(self, block: ImuBlock) -> None:

@@ -17,7 +17,9 @@ def describe(c: Configuration) -> str:
         a valid configuration.
     """
     frame = (
-        'the clamp (base_link)' if c.frame_id == 'base_link' else 'world axes, origin at the clamp (world)'
+        f'the clamp ({c.frame_id})'
+        if c.arm.output_frame == 'base'
+        else f'world axes, origin at the clamp ({c.frame_id})'
     )
     on_base = f'measured by IMU {c.imus.base_id}' if c.imus.base_id else _quaternion(c.base)
     hangs, places = _places(c)

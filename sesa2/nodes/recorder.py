@@ -17,7 +17,7 @@ from sesa2.configuration import ConfigurationError, Mistake, files
 from sesa2.errors import Sesa2Error
 from sesa2.messages.imu_messages import without_acceleration
 from sesa2.messages.results import TYPES
-from sesa2.messages.topic_names import CONFIGURATION, imu_calibration, imu_data, of_model
+from sesa2.messages.topic_names import CONFIGURATION, imu_calibration, imu_topics, of_model
 from sesa2.ros.confined_node import ConfinedNode
 from sesa2.ros.diagnostics import ERROR, OK, WARN, Diagnostics, Part
 from sesa2.ros.parameters import declare_configuration
@@ -61,9 +61,9 @@ class Recorder(ConfinedNode):
         )
         self._bag.flush()
         qos = ANY_STREAM if c.run.source == 'external' else STREAM
-        for i in c.imus.all_ids:
+        for i, topic in imu_topics(c).items():
             if c.record.imu:
-                self._subscribe(Imu, 'sensor_msgs/msg/Imu', imu_data(i), qos)
+                self._subscribe(Imu, 'sensor_msgs/msg/Imu', topic, qos)
             self._subscribe(
                 ImuCalibration, 'sesa2_msgs/msg/ImuCalibration', imu_calibration(i), EVERY_LATCHED
             )

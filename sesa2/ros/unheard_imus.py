@@ -39,7 +39,7 @@ def why_unheard(node: Node, expected: Mapping[int, str], heard: Mapping[int, int
     known = {node.resolve_topic_name(topic) for i, topic in expected.items() if heard.get(i)}
     others = sorted(name for name, types in published.items() if TYPE in types and name not in known)
     parts.append(f'on the graph are of this type: {_listed(others) or "none"}')
-    theirs = {imu.namespace for name in others if (imu := imu_topic(name, TYPE)) and imu.id in silent}
+    theirs = {imu.namespace for name in others if (imu := imu_topic(name)) and imu.id in silent}
     ours = node.get_namespace().rstrip('/') + '/'
     if elsewhere := sorted(theirs - {ours}):
         parts.append(f'these IMUs are in the namespace {_listed(n.rstrip("/") or "/" for n in elsewhere)}')

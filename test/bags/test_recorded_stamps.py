@@ -81,7 +81,7 @@ def test_arrival_stands_for_all_where_it_is_asked_for(tmp_path):
     assert summary.sweeps == 40
     assert summary.warnings == []
     with open_recording(odd) as recording:
-        samples = list(ImuRecording(recording, arrival=True).samples())
+        samples = list(ImuRecording(recording, arm(stamps='arrival')).samples())
     assert [s.stamp_ns for s in samples] == [m.stamp_ns for m in made]
     assert [read_imu(s.data).stamp_ns for s in samples] == [m.stamp_ns for m in made]
 
