@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sesa2.alignment.earth_frame import BaseComparison
 from sesa2.errors import Sesa2Error
 from sesa2.sensing.imu.mounting import Mounting
 from sesa2.shape.rotations import (
@@ -50,6 +51,8 @@ class Alignment(NamedTuple):
         root mean square angle between the samples and their mean, rad; NaN where the IMU was not heard.
     samples : (n_imu,)
         number of samples.
+    against_base
+        what may be wrong where all IMUs point against the base, for people; else empty.
     """
 
     mountings: FloatArray
@@ -58,9 +61,12 @@ class Alignment(NamedTuple):
     unexplained: FloatArray
     spread: FloatArray
     samples: np.ndarray
+    against_base: str = ''
 
     def doubts(self, ids: Sequence[int]) -> list[str]:
         """What the user should look at, a sentence each; `ids` of the IMUs."""
+        if self.against_base:  # which explains the rest
+            return [self.against_base]
         turned = [
             f'IMU {i} is turned by {np.rad2deg(left):+.0f}° about the arm: its heading?'
             for i, left in zip(ids, self.unexplained, strict=True)
@@ -159,6 +165,8 @@ def align_straight(
     links = Mounting(mountings, headings).link_orientations(
         np.where(measured[..., None], orientations, (0.0, 0.0, 0.0, 1.0))
     )
+    comparison = BaseComparison()
+    comparison.add(links, measured, bases)
     upright = mean_rotation(bases)
     spread, means = np.full(n_imu, np.nan), np.tile(upright, (n_imu, 1))
     for i in np.flatnonzero(samples):
@@ -181,6 +189,7 @@ def align_straight(
         unexplained=left,
         spread=spread,
         samples=samples,
+        against_base=comparison.doubt,
     )
 
 

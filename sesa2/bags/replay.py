@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from sesa2.alignment.earth_frame import BaseComparison
 from sesa2.bags.definitions import STRING, string_message
 from sesa2.bags.reading import ImuBlock, ImuRecording, Sample
 from sesa2.bags.recording import open_recording
@@ -52,6 +53,8 @@ class Summary:
         how far stamps of IMUs are behind those of the others, s, by id; ahead: negative.
     silent_base
         the IMU on the base, if results are missing for lack of it; else 0.
+    against_base
+        what may be wrong where all IMUs point against the base, for people; else empty.
     near_singular
         number of results with a joint beyond 80° about z, by model.
     messages
@@ -71,6 +74,7 @@ class Summary:
     resets: int = 0
     lags: dict[int, float] = field(default_factory=dict)
     silent_base: int = 0
+    against_base: str = ''
     near_singular: Counter[str] = field(default_factory=Counter)
     messages: Counter[str] = field(default_factory=Counter)
     duration: float = 0.0
@@ -84,6 +88,8 @@ class Summary:
         lines += [f'IMU {id_}: {lag_in_words(lag)}' for id_, lag in self.lags.items()]
         if self.silent_base:
             lines.append(f'IMU {self.silent_base} on the base was silent; without it there is no shape')
+        if self.against_base:
+            lines.append(self.against_base)
         if self.partial:
             lines.append(f'{self.partial} of {self.sweeps} sweeps lack an IMU, which was interpolated')
         if self.resets:
@@ -186,6 +192,7 @@ class _Replay:
             for topic in self._messages.topics
             if not topic.name.endswith('/marker_array')  # which is for viewers
         }
+        self._comparison = BaseComparison()
         self._sweeps: list[Sweep] = []
         self._pending = _Entries()  # what is not written yet
         self._held = _Entries()  # samples of another time
@@ -272,6 +279,7 @@ class _Replay:
         if self._assembler.dropped[NO_BASE]:
             self.summary.silent_base = self._base_id
         self.summary.dropped = self._assembler.dropped
+        self.summary.against_base = self._comparison.doubt
         self.summary.resets = self._assembler.resets
         self.summary.messages = Counter({self._names[n]: count for n, count in self._bag.counts.items()})
         return self.summary
@@ -291,6 +299,7 @@ class _Replay:
                 self._write(self._pending.taken())
             return
         estimate = self._estimator.estimate(self._sweeps)
+        self._estimator.compare(self._sweeps, self._comparison)
         stamps = estimate.stamps_ns.tolist()
         for topic, number in self._results.items():
             rows = self._messages.make(topic, estimate)

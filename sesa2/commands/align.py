@@ -110,8 +110,10 @@ def _from_straight_pose(
 def _from_motion(
     c: Configuration, t: FloatArray, q: FloatArray, measured: np.ndarray, base: FloatArray, headings: bool
 ) -> tuple[FloatArray, FloatArray]:
+    from sesa2.alignment.earth_frame import BaseComparison
     from sesa2.alignment.self_calibration import self_calibrate
     from sesa2.alignment.straight_pose import tilt_doubts
+    from sesa2.sensing.imu.mounting import Mounting
 
     if headings:
         raise Sesa2Error(
@@ -143,7 +145,9 @@ def _from_motion(
                 f'the shapes of a smooth arm fit poorly (misfit {found.misfit:.2f}, expected 0.05 to 0.2): {text}'
             ]
         )
-    warn(tilt_doubts(found.corrections, c.imus.ids))
+    comparison = BaseComparison()
+    comparison.add(Mounting(c.mountings, c.headings).link_orientations(q), measured, base)
+    warn([comparison.doubt] if comparison.doubt else tilt_doubts(found.corrections, c.imus.ids))
     if found.twist > _MUCH_TWIST:
         warn([f'the arm seems to twist by {twist:.1f}° rms; a steady twist looks like errors of heading'])
     return found.mountings, found.headings

@@ -5,6 +5,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from sesa2.alignment.earth_frame import BaseComparison
 from sesa2.alignment.heading_filter import HeadingFilter
 from sesa2.configuration import Configuration
 from sesa2.errors import Sesa2Error
@@ -139,6 +140,12 @@ class Estimator:
             orientations = self._heading_filter.correct(stamps / NS, orientations, measured, base)
         orientations = fill_missing(orientations, measured, self.layout, base)
         return Estimate(stamps, base, self._fit(orientations, base))
+
+    def compare(self, sweeps: Sequence[Sweep], comparison: BaseComparison) -> BaseComparison:
+        """Have it look at sweeps; the comparison."""
+        links = self._mounting.link_orientations(np.array([sweep.orientations for sweep in sweeps]))
+        comparison.add(links, np.array([sweep.measured for sweep in sweeps]), self.bases(sweeps))
+        return comparison
 
     def bases(self, sweeps: Sequence[Sweep]) -> FloatArray:
         """Orientation of the base at each sweep, q_WB, (n, 4): of the IMU on it where there is one, else as configured.

@@ -16,6 +16,7 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger
 from visualization_msgs.msg import MarkerArray
 
+from sesa2.alignment.earth_frame import BaseComparison
 from sesa2.alignment.straight_pose import Alignment, align_straight
 from sesa2.configuration import Configuration, files
 from sesa2.errors import Sesa2Error
@@ -39,6 +40,7 @@ from sesa2.time import NS
 _POSE_NS = 3 * NS
 # How often the clock is looked at for sweeps that need not wait any longer.
 _LOOK_EVERY_NS = NS // 20
+_EVERY_TENTH = 10  # of the sweeps tells as well how the arm stands
 
 # What an alignment changes.
 _ALIGNED = ('imus.mount_orientations', 'imus.headings')
@@ -107,6 +109,7 @@ class EstimatorNode(ConfinedNode):
         ]
         self.received = Counter[int]()
         self.unstamped = Counter[int]()
+        self._told_against_base = False
         self._unreadable = 0
         self._near_singular = Counter[str]()
         self._last_report = (time.monotonic(), Counter[int](), 0)
@@ -272,6 +275,15 @@ class EstimatorNode(ConfinedNode):
         text += f'; spread {np.rad2deg(np.nanmax(found.spread)):.2f}° at most'
         return '; '.join([text, *found.doubts(self.configuration.imus.ids)])
 
+    def _compared_with_base(self) -> str:
+        """What may be wrong where all IMUs have pointed against the base; logged when it is seen first."""
+        some = list(self._recent)[::_EVERY_TENTH]
+        doubt = self._estimator.compare(some, BaseComparison()).doubt
+        if doubt and not self._told_against_base:
+            self.get_logger().warning(doubt)
+        self._told_against_base = bool(doubt)
+        return doubt
+
     def _publish_configuration(self) -> None:
         self._configuration_publisher.publish(String(data=files.dump(self.configuration)))
 
@@ -318,6 +330,8 @@ class EstimatorNode(ConfinedNode):
             level, text = OK, f'{sweeps:.1f} Hz'
         else:
             level, text = ERROR, 'no IMU is alive'
+        if self._recent and (doubt := self._compared_with_base()):
+            level, text = max(level, WARN), f'{text}; {doubt}'
         parts.append(('sweeps', level, text, counts))
         for name, n in self._near_singular.items():
             if n:

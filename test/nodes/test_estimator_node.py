@@ -474,3 +474,21 @@ def test_the_time_of_arrival_is_taken_for_all_where_it_is_asked_for(graph, confi
     graph.until(told, 'results')
     assert before <= stamp(tips[0].header) < stamp(tips[1].header)
     assert not node.unstamped
+
+
+def test_an_earth_frame_that_points_down_is_named(graph, node):
+    logs, diagnosis = graph.listen_to_logs(), graph.diagnosis()
+    tips = graph.listen(PoseStamped, 'pcc/tip', STREAM)
+    sensors = Sensors(graph, (2, 5))
+    # Components of north, east, down of an upright arm with this mounting.
+    down = multiply((0.5**0.5, 0.5**0.5, 0.0, 0.0), (0.6, 0.0, 0.0, 0.8))
+    for k in range(3):
+        for imu in (2, 5):
+            sensors.say(imu, T0 + 10 * k * MS, down)
+    graph.until(lambda: len(tips) == 2, 'results')
+    graph.until(
+        lambda: [d for d in diagnosis.of('estimator: sweeps') if 'point against the base' in d[1]],
+        'a status of the sweeps',
+    )
+    assert diagnosis.of('estimator: sweeps')[-1][0] >= DiagnosticStatus.WARN
+    assert graph.until(lambda: [m for m in logs if 'north-east-down' in m.msg], 'a line in the log')
