@@ -227,6 +227,9 @@ def test_a_system_score_that_stays_low_keeps_nothing_from_being_saved(graph, nod
     graph.until(lambda: node.saved[5] == NEW, 'saved anew')
     graph.until(lambda: len(logs) > said, 'told')
     assert [m.msg for m in logs[said:]] == [f'IMU 5: offsets saved in {file}']
+    node.steps.clear()
+    say(5, (0, 3, 2, 3))
+    assert graph.until(lambda: node.steps.get(5), 'heard') == 'calibrated'
 
 
 @CALIBRATING
