@@ -56,6 +56,7 @@ _ARM = {
     'Timing': {
         'time_alignment': 'align in time',
         'sweep_timeout': 'wait for IMUs [s]',
+        'imus.stamps': 'stamps',
         'imus.latency': 'IMU latency [s]',
         'imus.heading_filter': 'heading filter',
     },

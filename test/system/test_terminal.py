@@ -95,4 +95,7 @@ def test_rates_are_of_the_time_since_the_line_before(system, capsys, monkeypatch
 @pytest.mark.parametrize('system', SETTINGS[:1], indirect=True)
 def test_the_summary_counts_what_was_dropped(system, capsys):
     Terminal(system).show_summary()
-    assert capsys.readouterr().out == 'done; 10 sweeps estimated; 3 samples dropped: norm is not 1\n'
+    assert capsys.readouterr().out == (
+        'done; 10 sweeps estimated; 3 samples dropped: norm is not 1; '
+        '4 samples without a stamp, the time of their arrival stood in\n'
+    )
