@@ -268,7 +268,7 @@ def test_a_failed_start_is_told_from_a_later_end(tmp_path, monkeypatch, capfd, s
     child.write_text(f'#!{sys.executable}\nimport os, socket\n{say}\nos._exit(3)\n')
     child.chmod(0o755)
     monkeypatch.setattr('sesa2.system.run.sys.executable', str(child))
-    with _Viewer(0) as viewer:
+    with _Viewer(0, '/', tmp_path) as viewer:
         viewer._process.wait()
         with nullcontext() if starts else pytest.raises(Sesa2Error, match='could not be shown'):
             viewer.look_after()
