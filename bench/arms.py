@@ -30,21 +30,8 @@ def rows(seconds=60.0):
                 boards.append(start(folder, f'{arm}_board', 'board', '--link', port))
                 while not port.exists():
                     time.sleep(0.05)
-                runs.append(
-                    start(
-                        folder,
-                        f'{arm}_run',
-                        'run',
-                        '--config',
-                        'prototype3_8',
-                        '--source',
-                        'serial',
-                        '--port',
-                        port,
-                        '--namespace',
-                        arm,
-                    )  # fmt: skip
-                )
+                on = ('--source', 'serial', '--port', port, '--namespace', arm)
+                runs.append(start(folder, f'{arm}_run', 'run', '--config', 'prototype3_8', *on))
             time.sleep(WARM_UP_S)
             before, began = [used(run) for run in runs], time.monotonic()
             time.sleep(seconds)
@@ -56,6 +43,7 @@ def rows(seconds=60.0):
         told = [(Path(folder) / f'{arm}_run').read_text() for arm in ARMS]
     lost = sum(int(re.findall(r'lost (\d+) sweeps', text)[-1]) for text in told)
     estimated = [int(re.findall(r'(\d+) sweeps estimated', text)[-1]) for text in told]
+    dropped = sum(int(n) for text in told for n in re.findall(r'(\d+) samples dropped', text))
     share = 100.0 * (sum(after) - sum(before)) / elapsed
     yield f'{len(ARMS)} arms {seconds:.0f} s, sweeps lost', lost, '', 0
     yield (
