@@ -46,6 +46,7 @@ def rows(seconds=60.0):
     dropped = sum(int(n) for text in told for n in re.findall(r'(\d+) samples dropped', text))
     share = 100.0 * (sum(after) - sum(before)) / elapsed
     yield f'{len(ARMS)} arms {seconds:.0f} s, sweeps lost', lost, '', 0
+    yield f'{len(ARMS)} arms, samples dropped', dropped, '', 0
     yield (
         f'{len(ARMS)} arms, fewest sweeps estimated in a second',
         min(estimated) / (seconds + WARM_UP_S),
