@@ -31,14 +31,22 @@ class PanelQuadrature:
         counts = np.ceil(np.diff(ends) / _PANEL - 1e-9).astype(int)
         widths = np.repeat(np.diff(ends) / counts, counts)
         self._widths, self._starts = widths, np.cumsum(widths) - widths
-        self._roots, _ = leggauss(_NODES)
-        self.nodes = (self._starts[:, None] + 0.5 * widths[:, None] * (1.0 + self._roots)).ravel()
+        roots, _ = leggauss(_NODES)
+        # A polynomial is a sum of Legendre's; its values at the nodes give their shares.
+        self._shares = np.linalg.inv(legvander(roots, _NODES - 1))
+        self.nodes = (self._starts[:, None] + 0.5 * widths[:, None] * (1.0 + roots)).ravel()
+
+    def values(self, u: FloatArray) -> FloatArray:
+        """Weights of the values at the nodes in the value at each place of u (n,); (n, n_nodes)."""
+        panel = np.clip(np.searchsorted(self._starts, u, side='left') - 1, 0, None)
+        within = 2.0 * (u - self._starts[panel]) / self._widths[panel] - 1.0
+        weights = np.zeros((len(u), len(self._starts), _NODES))
+        weights[np.arange(len(u)), panel] = legval(within, self._shares).T
+        return weights.reshape(len(u), -1)
 
     def integrals(self, u: FloatArray) -> FloatArray:
         """Weights of the values at the nodes in the integral from 0 to each place of u (n,); (n, n_nodes)."""
         upto = np.clip((u[:, None] - self._starts) / self._widths, 0.0, 1.0)
-        # A polynomial is a sum of Legendre's, whose integrals are known; its values at the nodes give their shares.
         integral = legint(np.eye(_NODES), lbnd=-1.0)
-        shares = np.linalg.inv(legvander(self._roots, _NODES - 1))
-        weights = legval(2.0 * upto - 1.0, integral @ shares)
+        weights = legval(2.0 * upto - 1.0, integral @ self._shares)
         return (0.5 * self._widths * weights).transpose(1, 2, 0).reshape(len(u), -1)
