@@ -1,4 +1,6 @@
-"""The smoothest rod against integrated curvature, a quadratic programme solved by finite differences, and the others."""
+"""The smoothest rod against a quadratic programme on a grid, curvature that scipy integrates and fits, and arcs."""
+
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -49,7 +51,7 @@ def smoothest(stations, length, turns, n=1200):
     # In arm lengths κ's slope at the tip has variance 1/2 where the walk has variance 1 per arm length.
     cost = np.vstack([second, at_tip * np.sqrt(2.0 / length)])
     rows = np.zeros((len(stations), n + 1))
-    for i, (a, b) in enumerate(zip(stations[:-1], stations[1:], strict=True)):
+    for i, (a, b) in enumerate(pairwise(stations)):
         # Integral of each hat function over [a, b]: the trapezoidal rule is exact for the linear interpolant.
         inside = grid[(grid > a) & (grid < b)]
         knots = np.array([a, *inside, b])
@@ -92,8 +94,11 @@ def solved(layout, q, base, s):
     places = np.linspace(0.0, 1.0, 101)
     functions = np.array(
         [
-            [quad(lambda x, u=u: kernel(1.0 - u, 1.0 - x), a, b, points=[min(max(u, a), b)])[0] for u in places]
-            for a, b in zip(at[:-1], at[1:], strict=True)
+            [
+                quad(lambda x, u=u: kernel(1.0 - u, 1.0 - x), a, b, points=[min(max(u, a), b)])[0]
+                for u in places
+            ]
+            for a, b in pairwise(at)
         ]
     )
     curvature = CubicSpline(places, functions, axis=1)
@@ -113,9 +118,7 @@ def solved(layout, q, base, s):
 
     stations = Rotation.from_quat(np.vstack([base, q]))
     turns = (stations[:-1].inv() * stations[1:]).as_rotvec()
-    within = [
-        [curvature.integrate(a, b)[k] for k in range(len(q))] for a, b in zip(at[:-1], at[1:], strict=True)
-    ]
+    within = [[curvature.integrate(a, b)[k] for k in range(len(q))] for a, b in pairwise(at)]
     weights = fsolve(off, np.linalg.solve(within, turns).ravel(), xtol=1e-10)
     y = run(weights, s / length)
     return length * y[9:].T, Rotation.from_matrix(y[:9].T.reshape(-1, 3, 3))

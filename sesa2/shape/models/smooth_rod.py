@@ -32,13 +32,7 @@ _ITERATIONS = 32
 
 
 class RodShape(Backbone):
-    """Orientations at the model's nodes, and the polynomials through them.
-
-    Attributes
-    ----------
-    fallen_back : int
-        members of the batch that were not solved and are arcs.
-    """
+    """Orientations at the model's nodes, and the polynomials through them."""
 
     def __init__(self, model: 'SmoothRod', nodes: FloatArray, fallen_back: int):
         self._model = model
@@ -59,19 +53,20 @@ class RodShape(Backbone):
 class SmoothRod(CurveModel[tuple[FloatArray, FloatArray]]):
     """A rod of unit speed whose curvature and twist κ, in the link frame, have the least integral of |κ''|².
 
-    κ is zero at the tip, which bears no couple, and its slope there is free within ∫ |κ'|² of about the arm's bend. So
-    it is what is likeliest of a Gaussian process: κ's slope is a random walk from the tip on, cov(κ(u), κ(v)) =
-    min² (3 max − min) / 6 + u v / 2 with u, v from the tip, in arm lengths. It holds for each of the three axes alike; κ
-    is a sum of as many functions for each as there are IMUs.
+    κ is zero at the tip, which bears no couple. It is what is likeliest of a Gaussian process: κ's slope begins at the
+    tip with variance ½ and is a random walk from there on, so that cov(κ(u), κ(v)) = min² (3 max − min) / 6 + u v / 2
+    with u, v from the tip, in arm lengths; for each of the three axes alike. Given the turn of each section, κ is a sum
+    of as many functions for each axis as there are IMUs.
 
     Were all turns small or about one axis, a section's rotation vector would be the integral of κ over it, and the
     weights of the functions a constant matrix times the measured ones. Where turns do not commute this errs by the
-    square of a section's turn: the section of the rod that was found is integrated (fourth-order Magnus steps), what its
-    rotation vector has against the integral is taken off, and so on. No derivative is needed; where sections turn by
-    60° each round leaves a twentieth. The rod then is oriented as the IMUs are, but for the iteration's 1e-6 rad.
+    square of a section's turn: the section that was found is integrated (fourth-order Magnus steps), what its rotation
+    vector has against the integral of κ is taken off, and so on. No derivative is needed; where sections turn by 60°
+    each round leaves a twentieth. The rod then is oriented as the IMUs are, but for 1e-6 rad.
 
-    Beyond some 140° between neighbours, where one may as well have turned the other way, the iteration may not end: then
-    the shape is that of arcs, and `fallen_back` counts it.
+    Beyond some 140° between neighbours, where one may as well have turned the other way, the iteration may not end:
+    then the shape is that of arcs, and `fallen_back` counts it. IMUs that are close to each other against the other
+    gaps make their errors large further on, as with every curve through what was measured.
 
     On a simulated passive arm with 4 IMUs this leaves 1.03 / 0.73 % of arc length (median, markers at 0.36 and 0.60 of
     0.66 m) where `spline` leaves 2.1 / 1.2 %; with 3, 3.0 / 2.0 % and 7.5 / 5.1 %; with 8, 0.44 / 0.37 % and
