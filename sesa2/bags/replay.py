@@ -57,6 +57,8 @@ class Summary:
         what may be wrong where all IMUs point against the base, for people; else empty.
     near_singular
         number of results with a joint beyond 80° about z, by model.
+    fallen_back
+        number of results that the model could not solve and gave the shape of another, by model.
     messages
         number of messages written, by topic.
     duration
@@ -76,6 +78,7 @@ class Summary:
     silent_base: int = 0
     against_base: str = ''
     near_singular: Counter[str] = field(default_factory=Counter)
+    fallen_back: Counter[str] = field(default_factory=Counter)
     messages: Counter[str] = field(default_factory=Counter)
     duration: float = 0.0
     problems: list[str] = field(default_factory=list)
@@ -97,6 +100,11 @@ class Summary:
         lines += [
             f'{model}: {n} of {self.sweeps} results have a joint beyond 80° about z'
             for model, n in self.near_singular.items()
+            if n
+        ]
+        lines += [
+            f'{model}: {n} of {self.sweeps} results could not be solved and are arcs'
+            for model, n in self.fallen_back.items()
             if n
         ]
         return lines
@@ -310,6 +318,7 @@ class _Replay:
         measured = np.array([sweep.measured for sweep in self._sweeps])
         self.summary.partial += int((~measured[:, self._enabled].all(axis=1)).sum())
         self.summary.near_singular.update({m: r.near_singular for m, r in estimate.models.items()})
+        self.summary.fallen_back.update({m: r.fallen_back for m, r in estimate.models.items()})
         self._sweeps = []
         self._first_ns = stamps[0] if self._first_ns is None else self._first_ns
         self._last_ns = stamps[-1]

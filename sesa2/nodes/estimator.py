@@ -112,6 +112,7 @@ class EstimatorNode(ConfinedNode):
         self._told_against_base = False
         self._unreadable = 0
         self._near_singular = Counter[str]()
+        self._fallen_back = Counter[str]()
         self._last_report = (time.monotonic(), Counter[int](), 0)
         self._listened_ns = 0
         self._looked_ns = time.monotonic_ns()
@@ -194,6 +195,7 @@ class EstimatorNode(ConfinedNode):
         self.n_sweeps += 1
         for name, result in estimate.models.items():
             self._near_singular[name] += result.near_singular
+            self._fallen_back[name] += result.fallen_back
 
     def _align(
         self, request: Trigger.Request, response: Trigger.Response, *, headings: bool
@@ -338,6 +340,11 @@ class EstimatorNode(ConfinedNode):
                 text = f'{n} sweeps with a joint beyond 80° about z: joint angles are near their singularity'
                 parts.append((name, WARN, text, {'near_singular': n}))
         self._near_singular.clear()
+        for name, n in self._fallen_back.items():
+            if n:
+                text = f'{n} sweeps could not be solved and are arcs: neighbouring IMUs differ by half a turn'
+                parts.append((name, WARN, text, {'fallen_back': n}))
+        self._fallen_back.clear()
         self._last_report = (now, Counter(self.received), self.n_sweeps)
         return parts
 

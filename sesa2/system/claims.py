@@ -14,7 +14,7 @@ from std_msgs.msg import Empty
 from sesa2.configuration import Configuration
 from sesa2.errors import Sesa2Error
 from sesa2.messages.results import TYPES
-from sesa2.messages.topic_names import CLOCK, CONFIGURATION, imu_topics, of_model
+from sesa2.messages.topic_names import CLOCK, imu_topics, of_model
 
 # Others on this machine are known by then, as a rule; who is not is found while running.
 _DISCOVERY_S = 0.5
@@ -138,7 +138,7 @@ def claimed_topics(c: Configuration) -> list[str]:
     """What a run of this configuration publishes and nobody else may."""
     topics: list[str] = []
     if c.run.mode == 'stream':
-        topics += [CONFIGURATION, *(of_model(model, kind) for model in c.models for kind in TYPES)]
+        topics += [of_model(model, kind) for model in c.models for kind in TYPES]
     if c.run.source != 'external':
         topics += imu_topics(c).values()
     if c.run.source == 'bag' and c.run.clock:

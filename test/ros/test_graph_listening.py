@@ -4,6 +4,7 @@ import pytest
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 
+from sesa2.ros.confined_node import ConfinedNode
 from sesa2.ros.diagnostics import OK, Diagnostics
 from sesa2.ros.graph_listening import Listener
 
@@ -28,6 +29,6 @@ def test_only_the_diagnostics_of_its_namespace_are_heard(graph, namespace, own):
 )
 def test_what_a_node_says_carries_its_namespace(graph, namespace, name):
     diagnosis = graph.diagnosis()
-    node = graph.add(rclpy.create_node('arm', namespace=namespace))
+    node = graph.add(ConfinedNode('arm', namespace=namespace))
     node.said = Diagnostics(node, 'h', lambda: [('x', OK, 'well', {})])
     graph.until(lambda: diagnosis.latest(name), name)

@@ -178,7 +178,7 @@ def claimed(**run):
 def test_what_a_run_publishes(run, imus, results, clock):
     topics = claimed(**run)
     assert ('/drv/imu' in topics) is imus
-    assert ({'configuration', 'pcc/tip', 'pcc/joint_states', 'pcc/markers', 'pcc/shape'} <= topics) is results
+    assert ({'pcc/tip', 'pcc/joint_states', 'pcc/markers', 'pcc/shape'} <= topics) is results
     assert ('/clock' in topics) is clock
 
 
