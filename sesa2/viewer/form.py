@@ -8,6 +8,7 @@ from typing import Any
 import viser
 
 from sesa2.configuration import Configuration, ConfigurationError, Mistake, validate
+from sesa2.configuration.records import leaves
 from sesa2.shape.models import MODELS
 from sesa2.viewer.fields import Field, mistake_html, nested
 
@@ -111,7 +112,7 @@ class Form:
                 self._add_folder('Arm', _ARM['Arm'])
                 self._add_markers(c)
                 self._add_models(c)
-                self._add_folder('Links', _ARM['Links'])
+                self._add_folder('Links', _ARM['Links'] | _options_of_models())
                 self._add_folder('Timing', _ARM['Timing'])
             with self._imu_tab:
                 self._add_imus(c)
@@ -280,6 +281,16 @@ class Form:
                         self._imu_rows = [row for row in self._imu_rows if row[0] is not item]
                         item.remove()
                 self._change()
+
+
+def _options_of_models() -> dict[str, str]:
+    """Of the models, options that no table above has: their path and a label."""
+    shown = {*_ARM['Links'], 'pcc.segments'}  # the latter stand with the IMUs
+    return {
+        path: path.replace('.', ': ')
+        for path, _, _ in leaves()
+        if path.partition('.')[0] in MODELS and path not in shown
+    }
 
 
 def _set_label(folder: viser.GuiFolderHandle, id_: Any, position: Any, enabled: bool) -> None:
