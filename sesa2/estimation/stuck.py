@@ -8,68 +8,7 @@ from sesa2.shape.rotations import FloatArray
 STUCK_FOR = 2.0  # s
 STUCK_WHILE = np.deg2rad(15.0)  # of turning of another IMU meanwhile
 
-
-class StuckImus:
-    """Watches sweeps for IMUs whose quaternion stays the same while another IMU turns.
-
-    Parameters
-    ----------
-    n_imu
-        number of IMUs along the arm.
-
-    Attributes
-    ----------
-    stuck : (n_imu,)
-        true where the IMU is stuck now.
-    seconds : (n_imu,)
-        for how long each was stuck, in all, s.
-    """
-
-    def __init__(self, n_imu: int):
-        self.stuck = np.zeros(n_imu, dtype=bool)
-        self.seconds = np.zeros(n_imu)
-        self._held: FloatArray | None = None  # the quaternion that each shows
-        self._last = 0.0
-        self._since = np.zeros(n_imu)  # when it began to show it, s
-        self._then = np.zeros((n_imu, n_imu, 4))  # all IMUs' orientations at that time
-        self._turned = np.zeros(n_imu)  # the farthest that any other has turned since, rad
-
-    def add(self, stamp: float, orientations: FloatArray, measured: np.ndarray) -> np.ndarray:
-        """Take a sweep; one that is older than the last begins anew.
-
-        Parameters
-        ----------
-        stamp
-            s.
-        orientations : (n_imu, 4)
-            q_WS, x y z w, unit norm.
-        measured : (n_imu,)
-            true where the IMU has measured; the others are left as they were.
-
-        Returns
-        -------
-        (n_imu,), true where the IMU is stuck.
-        """
-        if self._held is None or stamp < self._since.max():
-            self._held = np.full(orientations.shape, np.nan)
-            self.stuck[:] = False
-        changed = measured & (orientations != self._held).any(axis=1)
-        for i in np.flatnonzero(changed):
-            self._held[i] = orientations[i]
-            self._since[i] = stamp
-            self._then[i] = np.where(measured[:, None], orientations, np.nan)
-        self._turned[changed] = 0.0
-        cosines = np.abs(np.einsum('ijk,jk->ij', self._then, orientations))
-        cosines[:, ~measured] = 1.0
-        turned = 2.0 * np.arccos(np.clip(np.nan_to_num(cosines, nan=1.0), -1.0, 1.0))
-        self._turned = np.maximum(self._turned, turned.max(axis=1))
-        held_for = stamp - self._since
-        stuck = measured & ~changed & (held_for >= STUCK_FOR) & (self._turned >= STUCK_WHILE)
-        newly, lasting = stuck & ~self.stuck, stuck & self.stuck
-        self.seconds[newly] += held_for[newly]
-        self.seconds[lasting] += stamp - self._last
-        self.stuck, self._last = stuck, stamp
-        return stuck
+_WATCHED = 10.0  # Hz
 
 
 def stuck_spans(
@@ -106,3 +45,37 @@ def stuck_spans(
                     found.append((float(stamps[start]), float(stamps[end])))
         spans.append(found)
     return spans
+
+
+def stuck_in_words(seconds: float) -> str:
+    """For people."""
+    return f'stuck: the same quaternion for {seconds:.1f} s while others turned'
+
+
+class StuckWatch:
+    """Looks for stuck IMUs over a recording that comes block by block; ten sweeps a second are enough.
+
+    Attributes
+    ----------
+    seconds : (n_imu,)
+        how long each was stuck, s, of the parts that `end` has closed.
+    """
+
+    def __init__(self, n_imu: int):
+        self.seconds = np.zeros(n_imu)
+        self._kept: list[tuple[float, FloatArray, np.ndarray]] = []
+
+    def add(self, stamps: FloatArray, orientations: FloatArray, measured: np.ndarray) -> None:
+        """Take sweeps; parameters as of `stuck_spans`."""
+        last = self._kept[-1][0] if self._kept else -np.inf
+        slots = np.floor(stamps * _WATCHED)
+        new = np.flatnonzero(np.diff(slots, prepend=np.floor(last * _WATCHED)) > 0.0)
+        self._kept += [(float(stamps[k]), orientations[k], measured[k]) for k in new]
+
+    def end(self) -> None:
+        """Close a part: what follows may be of another time."""
+        if self._kept:
+            stamps, orientations, measured = (np.array(column) for column in zip(*self._kept, strict=True))
+            for i, spans in enumerate(stuck_spans(stamps, orientations, measured)):
+                self.seconds[i] += sum(end - begin for begin, end in spans)
+        self._kept = []

@@ -25,6 +25,7 @@ def configured(length=0.66, positions=POSITIONS, base=(0.0, 0.0, 0.0, 1.0), mode
             'imus': {'ids': list(range(1, len(positions) + 1)), 'positions': list(positions)},
             'markers': {'names': list(NAMES), 'positions': list(ARC_LENGTHS.values())},
             'models': list(models),
+            'links': 8,
         }
     )
 
