@@ -225,7 +225,8 @@ def _evaluate(
             comparison.alternatives(everything, everything),
         )
         placed, similarity = _most_similar(estimates, registration, truth, offset.seconds)
-        x = placed.at(truth.times - offset.seconds)
+        own = truth.times - offset.seconds
+        x = placed.at(own if similarity is None else similarity.estimate_times(truth.times, offset.seconds))
         frames = registration_hints(register, alternatives, of_all, farthest)
         frames += cause_warnings(register, x, truth, similarity, farthest, _speed(placed))
         astray = base_warnings(x, truth, farthest)

@@ -101,7 +101,7 @@ def cause_warnings(
     register
         what was fitted.
     estimate : (n, m, 3)
-        by the model that agrees best, at the truth's times, before any rotation or translation, m.
+        by the model that agrees best, at the truth's times by the clocks' rate, before any rotation or translation, m.
     truth
         what is compared with it.
     similarity

@@ -29,6 +29,8 @@ class Similarity(NamedTuple):
         by how much the truth's clock is faster than the estimate's, s/s.
     shift
         of the truth's clock, s, in the middle of the trial, besides the time offset.
+    middle
+        truth time there, s.
     seconds
         that both recordings have in common.
     left
@@ -40,8 +42,13 @@ class Similarity(NamedTuple):
     scale: float
     clock_rate: float
     shift: float
+    middle: float
     seconds: float
     left: float
+
+    def estimate_times(self, times: FloatArray, time_offset: float) -> FloatArray:
+        """Times of the estimate's clock at times of the truth's, s."""
+        return times - time_offset - self.shift - self.clock_rate * (times - self.middle)
 
     @property
     def turn(self) -> FloatArray:
@@ -102,4 +109,4 @@ def fit_similarity(estimate: Trajectory, truth: Trajectory, time_offset: float) 
         scale *= float(np.exp(np.clip(step[6], -0.3, 0.3)))
         shift, drift = shift + float(step[7]), drift + float(step[8])
     left = float(np.median(np.linalg.norm(residual.reshape(-1, 3), axis=1)))  # before the last step
-    return Similarity(q, t, scale, drift / half, shift, 2.0 * half, left)
+    return Similarity(q, t, scale, drift / half, shift, float(middle), 2.0 * half, left)
