@@ -197,6 +197,8 @@ def base_warnings(estimate: FloatArray, truth: Trajectory, farthest: float) -> l
     together = off.mean(axis=1)
     moved = np.stack([np.bincount(window, together[:, k]) / n for k in range(3)], axis=1)[window]
     sizes = np.sqrt((off**2).sum(axis=(0, 2)))
+    if not sizes.all():  # exact
+        return []
     alike = float(np.sum(off[:, 0] * off[:, -1]) / (sizes[0] * sizes[-1]))
     rms = float(np.sqrt((moved**2).sum(axis=1).mean()))
     if (
