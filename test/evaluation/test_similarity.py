@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from made_motion import Motion
 from scipy.spatial.transform import Rotation
 
 from sesa2.evaluation.similarity import fit_similarity
@@ -11,8 +12,6 @@ from sesa2.evaluation.trajectory import Trajectory
 @settings(max_examples=20)
 @given(st.integers(0, 1000), st.floats(0.8, 1.25), st.floats(-3e-3, 3e-3))
 def test_all_that_was_put_in_is_found(seed, scale, rate):
-    from conftest import Motion  # a motion is no fixture of an example
-
     motion = Motion(seed % 5, 40.0)
     rng = np.random.default_rng(seed)
     estimate, seen = motion.record(100.0), motion.record(60.0)
