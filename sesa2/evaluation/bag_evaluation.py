@@ -10,7 +10,6 @@ import numpy as np
 from sesa2.bags.reading import read_backbone, read_configuration, read_poses
 from sesa2.bags.recorded_sweeps import read_sweeps
 from sesa2.bags.recording import open_recording
-from sesa2.bags.topics import imu_topic
 from sesa2.configuration import Configuration, files
 from sesa2.errors import Sesa2Error
 from sesa2.evaluation.drawn_pose import DrawnPose
@@ -20,6 +19,7 @@ from sesa2.evaluation.registration import TURNING, Kind
 from sesa2.evaluation.similarity import Similarity
 from sesa2.evaluation.trajectory import Trajectory
 from sesa2.evaluation.truth import read_truth
+from sesa2.messages.imu_messages import TYPE as IMU_TYPE
 from sesa2.messages.topic_names import of_model
 from sesa2.shape.rotations import FloatArray, conjugate, rotate
 from sesa2.time import NS
@@ -163,7 +163,7 @@ def _in_one_frame(
 def _about_imus(path: Path, c: Configuration, similarity: Similarity | None) -> ImuFindings:
     """What the IMUs' samples tell, where the bag holds them."""
     with open_recording(path) as recording:
-        there = any(topic.count and imu_topic(name, topic.type) for name, topic in recording.topics.items())
+        there = any(topic.count and topic.type == IMU_TYPE for topic in recording.topics.values())
     if not there:
         return ImuFindings(())
     try:
