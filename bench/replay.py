@@ -10,7 +10,7 @@ from pathlib import Path
 from sesa2.configuration import files
 
 ROOT = Path(__file__).resolve().parents[1]
-sys.path.insert(0, str(ROOT / 'test/bags'))
+sys.path.insert(0, str(ROOT / 'test'))
 from twin_recording import write_twin_recording  # noqa: E402  # the same recording as the tests'
 
 

@@ -128,6 +128,12 @@ class ShapePrior:
         turns = to_rotation_vector(multiply(conjugate(stations[:, :-1]), stations[:, 1:]))
         return (turns / self._sections[:, None]).take(self._section, axis=1)
 
+    def curvature_at_imus(self, curvature: FloatArray) -> FloatArray:
+        """Curvature of the cells before and after each IMU, the mean: (n, n_imu, 3) of (n, n_cells, 3), rad."""
+        before = self._ends_at_imu - 1
+        after = np.minimum(self._ends_at_imu, len(self._h) - 1)
+        return 0.5 * (curvature[:, before] + curvature[:, after])
+
     def linearise(self, curvature: FloatArray, links: FloatArray, base: FloatArray) -> Linearised:
         """Compare measured orientations with a shape.
 

@@ -244,7 +244,7 @@ def read_configuration(path: str | Path) -> str | None:
 
 
 class Poses(NamedTuple):
-    """Positions over time, as a PoseArray carries them.
+    """Poses over time, as a PoseArray carries them.
 
     Attributes
     ----------
@@ -253,12 +253,15 @@ class Poses(NamedTuple):
     positions : (n, m, 3)
         m.
     frame
-        in which the positions are.
+        in which they are.
+    orientations : (n, m, 4)
+        x y z w.
     """
 
     times_s: FloatArray
     positions: FloatArray
     frame: str
+    orientations: FloatArray
 
 
 def read_poses(path: str | Path, topic: str) -> Poses:
@@ -287,7 +290,7 @@ def read_poses(path: str | Path, topic: str) -> Poses:
                 f'{path}: expected a topic {name} of {POSE_ARRAY}, {got}; of this type are: {arrays or "none"}'
             )
         times: list[int] = []
-        positions: list[FloatArray] = []
+        arrays_read: list[FloatArray] = []
         frame = ''
         for message in recording.messages([name]):
             try:
@@ -297,15 +300,16 @@ def read_poses(path: str | Path, topic: str) -> Poses:
             except Exception:  # cut bytes make a parser stumble in any way
                 raise Sesa2Error(f'{path}: message {len(times)} of {name} is no {POSE_ARRAY}') from None
             times.append(stamp_ns or message.log_ns)
-            positions.append(array[:, :3])
-            if len(array) != len(positions[0]):
+            arrays_read.append(array)
+            if len(array) != len(arrays_read[0]):
                 raise Sesa2Error(
                     f'{path}: message {len(times) - 1} of {name} has {len(array)} poses, '
-                    f'the first one {len(positions[0])}'
+                    f'the first one {len(arrays_read[0])}'
                 )
     if not times:
         raise Sesa2Error(f'{path}: no message on {name}')
-    return Poses(np.array(times) / NS, np.array(positions, dtype=float).reshape(len(times), -1, 3), frame)
+    all_poses = np.array(arrays_read, dtype=float).reshape(len(times), -1, 7)
+    return Poses(np.array(times) / NS, all_poses[..., :3], frame, all_poses[..., 3:])
 
 
 def read_backbone(path: str | Path, topic: str, index: int) -> FloatArray:

@@ -16,6 +16,7 @@ from sesa2.configuration import Configuration, files
 from sesa2.errors import Sesa2Error
 from sesa2.estimation.arrivals import OFFLINE_PATIENCE, lag_in_words
 from sesa2.estimation.estimator import Estimator
+from sesa2.estimation.stuck import StuckWatch, stuck_in_words
 from sesa2.estimation.sweeps import NO_BASE, Sweep
 from sesa2.estimation.time_steps import AHEAD_NS
 from sesa2.messages.imu_messages import TYPE as IMU_TYPE
@@ -55,6 +56,8 @@ class Summary:
         the IMU on the base, if results are missing for lack of it; else 0.
     against_base
         what may be wrong where all IMUs point against the base, for people; else empty.
+    stuck
+        for how long IMUs said the same to the last digit while others turned, s, by id.
     near_singular
         number of results with a joint beyond 80° about z, by model.
     fallen_back
@@ -77,6 +80,7 @@ class Summary:
     lags: dict[int, float] = field(default_factory=dict)
     silent_base: int = 0
     against_base: str = ''
+    stuck: dict[int, float] = field(default_factory=dict)
     near_singular: Counter[str] = field(default_factory=Counter)
     fallen_back: Counter[str] = field(default_factory=Counter)
     messages: Counter[str] = field(default_factory=Counter)
@@ -93,6 +97,7 @@ class Summary:
             lines.append(f'IMU {self.silent_base} on the base was silent; without it there is no shape')
         if self.against_base:
             lines.append(self.against_base)
+        lines += [f'IMU {id_}: {stuck_in_words(seconds)}' for id_, seconds in self.stuck.items()]
         if self.partial:
             lines.append(f'{self.partial} of {self.sweeps} sweeps lack an IMU, which was interpolated')
         if self.resets:
@@ -202,6 +207,7 @@ class _Replay:
         }
         self._comparison = BaseComparison()
         self._sweeps: list[Sweep] = []
+        self._stuck = StuckWatch(len(self._enabled))
         self._pending = _Entries()  # what is not written yet
         self._held = _Entries()  # samples of another time
         self._written_ns = 0  # time of the last entry that was written
@@ -288,12 +294,15 @@ class _Replay:
             self.summary.silent_base = self._base_id
         self.summary.dropped = self._assembler.dropped
         self.summary.against_base = self._comparison.doubt
+        stuck = zip(self._imu_ids, self._stuck.seconds.tolist(), strict=False)
+        self.summary.stuck = {id_: seconds for id_, seconds in stuck if seconds}
         self.summary.resets = self._assembler.resets
         self.summary.messages = Counter({self._names[n]: count for n, count in self._bag.counts.items()})
         return self.summary
 
     def _end_segment(self) -> None:
         self._end_block()
+        self._stuck.end()
         self._write(self._pending.taken())
         self._written_ns = 0
         if self._first_ns is not None:
@@ -316,6 +325,8 @@ class _Replay:
             self._pending.extend(stamps, [number] * len(stamps), messages)
         self.summary.sweeps += len(stamps)
         measured = np.array([sweep.measured for sweep in self._sweeps])
+        orientations = np.array([sweep.orientations for sweep in self._sweeps])
+        self._stuck.add(estimate.stamps_ns / NS, orientations, measured)
         self.summary.partial += int((~measured[:, self._enabled].all(axis=1)).sum())
         self.summary.near_singular.update({m: r.near_singular for m, r in estimate.models.items()})
         self.summary.fallen_back.update({m: r.fallen_back for m, r in estimate.models.items()})

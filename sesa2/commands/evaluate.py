@@ -10,6 +10,7 @@ from sesa2.commands.arguments import names, not_negative, positive, warn
 from sesa2.configuration.description import table
 from sesa2.errors import Sesa2Error
 from sesa2.evaluation.evaluate import Evaluation
+from sesa2.evaluation.registration import KINDS
 from sesa2.messages.topic_names import TRUTH_MARKERS
 
 IN_MS = 10.0  # s; a larger offset is one between two clocks, and printed in s
@@ -44,7 +45,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument('--models', type=names, metavar='A,B', help='only these models')
     parser.add_argument(
-        '--register', choices=('none', 'translation', 'rigid'), default='none', help='fit between the frames'
+        '--register',
+        choices=KINDS,
+        default='none',
+        help='fit between the frames, and how far the markers are beside the axis (default: none)',
     )
     parser.add_argument(
         '--fit-fraction',
@@ -128,7 +132,12 @@ def _lines(label: str, evaluation: Evaluation) -> list[str]:
     offset, registration = evaluation.time_offset, evaluation.registration
     s = offset.seconds
     shift = f'{1e3 * s:+.1f} ms' if abs(s) < IN_MS else f'{s:+.4f} s'
-    lines = [f'{label}: time offset {shift}, registration {registration.kind}']
+    told = f': {registration.told()}' if registration.kind != 'none' else ''
+    lines = [f'{label}: time offset {shift}, registration {registration.kind}{told}']
+    if (fit := evaluation.similarity) is not None:
+        lines.append(
+            f'  not applied: scale {fit.scale:.4f}, clock rate {1e6 * fit.clock_rate:+.0f} ppm would fit best'
+        )
     rows = [
         (
             model,

@@ -8,15 +8,21 @@ from typing import NamedTuple
 import numpy as np
 
 from sesa2.bags.reading import read_backbone, read_configuration, read_poses
+from sesa2.bags.recorded_sweeps import read_sweeps
+from sesa2.bags.recording import open_recording
 from sesa2.configuration import Configuration, files
 from sesa2.errors import Sesa2Error
 from sesa2.evaluation.drawn_pose import DrawnPose
 from sesa2.evaluation.evaluate import Evaluation, evaluate
-from sesa2.evaluation.registration import Kind
+from sesa2.evaluation.imu_warnings import ImuFindings, imu_warnings
+from sesa2.evaluation.registration import TURNING, Kind
+from sesa2.evaluation.similarity import Similarity
 from sesa2.evaluation.trajectory import Trajectory
 from sesa2.evaluation.truth import read_truth
+from sesa2.messages.imu_messages import TYPE as IMU_TYPE
 from sesa2.messages.topic_names import of_model
 from sesa2.shape.rotations import FloatArray, conjugate, rotate
+from sesa2.time import NS
 
 
 def evaluate_bag(
@@ -67,8 +73,6 @@ def evaluate_bag(
     c = estimated.configuration
     read = read_truth(truth, c.markers.names, topic=truth_topic, given=markers, rate=truth_rate)
     true, about_frames = _in_one_frame(read.trajectory, read.frame, estimated, register)
-    if read.axes and register != 'rigid':
-        about_frames = (*about_frames, f'{read.axes}: --register rigid takes care of it')
     arc_lengths = dict(zip(c.markers.names, c.markers.positions, strict=True))
     evaluation = evaluate(
         estimated.models,
@@ -78,7 +82,18 @@ def evaluate_bag(
         fit_fraction=fit_fraction,
         time_offset=time_offset,
     )
-    warnings = (*read.notes, *about_frames, *evaluation.warnings)
+    if read.axes and register not in TURNING:
+        about_frames = (*about_frames, read.axes)
+    if about_frames and register not in TURNING and 'rigid' in evaluation.alternatives:
+        about_frames = (*about_frames[:-1], f'{about_frames[-1]} (--register rigid fits a rotation)')
+    imus = _about_imus(Path(estimate), c, evaluation.similarity)
+    told = evaluation.warnings
+    # Where the samples tell the cause, what else it looks like is not told.
+    if imus.explain_astray:
+        told = tuple(w for w in told if w not in evaluation.astray)
+    if imus.explain_frames:
+        told = tuple(w for w in told if w not in evaluation.about_frames)
+    warnings = (*read.notes, *about_frames, *imus.warnings, *told)
     return replace(evaluation, warnings=warnings, pose=estimated.pose)
 
 
@@ -114,8 +129,8 @@ def _read_estimate(path: Path, models: Sequence[str] | None) -> _Estimate:
     estimates = {}
     for name in chosen:
         poses = read_poses(path, of_model(name, 'markers'))
-        times, positions = _increasing(poses.times_s, poses.positions)
-        estimates[name] = Trajectory(times, positions, c.markers.names)
+        times, positions, turns = _increasing(poses.times_s, poses.positions, poses.orientations)
+        estimates[name] = Trajectory(times, positions, c.markers.names, turns)
     # For the figures: a pose that shows the arm well bent, its last marker being a median distance from the base.
     model = c.create_model(chosen[-1])
     reach = np.linalg.norm(poses.positions[:, -1], axis=-1)
@@ -138,14 +153,28 @@ def _in_one_frame(
             return truth, ()
         done = "the truth was turned by arm.base_orientation of the estimate's configuration"
         truth = Trajectory(truth.times, rotate(q, truth.positions), truth.names)
-    elif register == 'rigid':
+    elif register in TURNING:
         return truth, ()
     else:
-        done = 'the way from one to the other is not known; --register rigid fits it'
+        done = 'the way from one to the other is not known'
     return truth, (f'The truth is in frame {frame}, the estimate in {estimate.frame}: {done}.',)
 
 
-def _increasing(times: FloatArray, positions: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _about_imus(path: Path, c: Configuration, similarity: Similarity | None) -> ImuFindings:
+    """What the IMUs' samples tell, where the bag holds them."""
+    with open_recording(path) as recording:
+        there = any(topic.count and topic.type == IMU_TYPE for topic in recording.topics.values())
+    if not there:
+        return ImuFindings(())
+    try:
+        sweeps = read_sweeps(path, c)
+    except Sesa2Error as error:
+        return ImuFindings((f'The IMUs in it were not examined: {error}.',))
+    stamps = (sweeps.stamps_ns - sweeps.stamps_ns[0]) / NS
+    return imu_warnings(c, stamps, sweeps.orientations, sweeps.measured, sweeps.base, similarity)
+
+
+def _increasing(times: FloatArray, *of_them: FloatArray) -> tuple[FloatArray, ...]:
     """Without what was recorded a second time: of a bag that was looped, the first round."""
     first = np.concatenate([[True], times[1:] > np.maximum.accumulate(times)[:-1]])
-    return times[first], positions[first]
+    return times[first], *(values[first] for values in of_them)

@@ -2,15 +2,18 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
 from sesa2.evaluation.accuracy import MarkerError, marker_error
+from sesa2.evaluation.comparison import Comparison
 from sesa2.evaluation.drawn_pose import DrawnPose
-from sesa2.evaluation.registration import Kind, Registration, fit_registration
+from sesa2.evaluation.registration import TURNING, Kind, Registration
 from sesa2.evaluation.screening import Screened, screen
+from sesa2.evaluation.setup_warnings import base_warnings, cause_warnings, registration_hints
+from sesa2.evaluation.similarity import Similarity, fit_similarity
 from sesa2.evaluation.time_offset import (
     MirroredTruthError,
     TimeOffset,
@@ -19,12 +22,11 @@ from sesa2.evaluation.time_offset import (
     refuse_mirrored,
 )
 from sesa2.evaluation.trajectory import EvaluationError, Trajectory
-from sesa2.shape.rotations import FloatArray
+from sesa2.shape.rotations import FloatArray, rotate
 
 DOUBTFUL_CORRELATION = 0.9
-LARGE_PCT = 15.0  # median error at every marker; more than models that fit the arm leave
-RIGID_LEAVES = 1.0 / 3.0  # of it, if the frames were what was wrong
 FEW = 30  # samples; with fewer, quartiles are chance
+FEWEST = 2  # one sample is no figure
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,6 +49,14 @@ class Evaluation:
         what was left out of the truth.
     warnings
         what a reader of the figures has to know, one sentence each.
+    similarity
+        scale and clock rate that would fit best, for diagnosis: nothing of it is applied. None where it is not told.
+    alternatives
+        median error after the part that registrations are fitted on, m, by registration; of those that can be fitted.
+    about_frames
+        those of the warnings that blame frames, lengths or clocks.
+    astray
+        those that are told where all markers go astray together, which has more than one cause.
     pose
         of the arm, to draw the errors around; None where only its markers are known.
     """
@@ -58,6 +68,10 @@ class Evaluation:
     registration_from: str | None
     screened: Screened
     warnings: tuple[str, ...]
+    similarity: Similarity | None = None
+    alternatives: Mapping[Kind, float] = field(default_factory=dict)
+    about_frames: tuple[str, ...] = ()
+    astray: tuple[str, ...] = ()
     pose: DrawnPose | None = None
 
     def to_json(self) -> dict[str, Any]:
@@ -68,7 +82,8 @@ class Evaluation:
             number = getattr(error, figure)
             return None if math.isnan(number) else number
 
-        registration = self.registration
+        registration, similarity = self.registration, self.similarity
+        offsets = {} if registration.offsets is None else {'offsets_m': registration.offsets.tolist()}
         return {
             'models': {
                 model: {
@@ -78,11 +93,15 @@ class Evaluation:
                 for model, errors in self.models.items()
             },
             'time_offset_s': self.time_offset.seconds,
+            'scale': None if similarity is None else similarity.scale,
+            'clock_rate': None if similarity is None else similarity.clock_rate,
+            'warnings': list(self.warnings),
             'registration': {
                 'kind': registration.kind,
                 'translation_m': registration.translation.tolist(),
                 'rotation_xyzw': registration.rotation.tolist(),
                 'fitted_on_s': None if registration.fitted_on is None else list(registration.fitted_on),
+                **offsets,
             },
         }
 
@@ -113,6 +132,7 @@ def evaluate(
         of the markers to compare, m.
     register
         what to fit between the frames, on the first part of the trial; the rest is scored. `none` scores all.
+        `offsets` are those of the markers beside the axis, and need estimates that hold orientations.
     fit_fraction
         how much of the trial (by time) the registration is fitted on, between 0 and 1.
     time_offset
@@ -131,10 +151,14 @@ def evaluate(
     try:
         return _evaluate(estimates, truth, arc_lengths, register, fit_fraction, time_offset)
     except MirroredTruthError as mirrored:
-        if register != 'rigid':
-            raise
         # After a rotation, all mirror images are the same.
         image = Trajectory(truth.times, -truth.positions, truth.names)
+        if register not in TURNING:
+            try:
+                _evaluate(estimates, image, arc_lengths, 'rigid', fit_fraction, time_offset)
+            except EvaluationError:  # so that this cannot be advised
+                raise EvaluationError(f'{mirrored.finding}. Export it with right-handed axes') from None
+            raise
         evaluation = _evaluate(estimates, image, arc_lengths, register, fit_fraction, time_offset)
         said = f'T{mirrored.finding[1:]}. It was mirrored and scored so.'
         return replace(evaluation, warnings=(said, *evaluation.warnings))
@@ -162,7 +186,8 @@ def _evaluate(
         offset, time_offset_from = _shared_time_offset(estimates, truth)
     else:
         offset = TimeOffset(float(time_offset))
-    matched = {model: trajectory.at(truth.times - offset.seconds) for model, trajectory in estimates.items()}
+    comparison = Comparison(estimates, truth, offset.seconds)
+    matched = comparison.matched
     known = ~np.isnan(np.stack([m[..., 0] for m in matched.values()])) & truth.seen
     if not known.any():
         raise _no_overlap(estimates, truth, offset)
@@ -170,38 +195,109 @@ def _evaluate(
         agree = max(correlations(positions, truth.positions) for positions in matched.values())
         refuse_mirrored(agree[1], agree[0])
 
+    when = truth.times[known.any(axis=(0, 2))]
+    after = truth.times > when[0] + fit_fraction * (when[-1] - when[0])
     registration = Registration()
-    scored = np.ones(len(truth.times), dtype=bool)
+    scored = everything = np.ones(len(truth.times), dtype=bool)
     if register != 'none':
-        when = truth.times[known.any(axis=(0, 2))]
-        split = when[0] + fit_fraction * (when[-1] - when[0])
-        scored = truth.times > split
-        registration, registration_from = _shared_registration(register, matched, truth, ~scored)
+        scored = after
+        registration, registration_from = comparison.fit(register, ~scored)
 
     models = {
         model: {
-            name: marker_error(
-                truth.times[scored],
-                registration.apply(positions[scored, m]),
-                truth.positions[scored, m],
-                arc_lengths[name],
+            name: _enough(
+                marker_error(
+                    truth.times[scored], positions[:, m], truth.positions[scored, m], arc_lengths[name]
+                )
             )
             for m, name in enumerate(names)
         }
-        for model, positions in matched.items()
+        for model, positions in comparison.registered(registration, scored).items()
     }
     if not any(error.n for errors in models.values() for error in errors.values()):
-        raise EvaluationError(
-            f'nothing is left to score after the first {100 * fit_fraction:g} % of the trial, on which the '
-            f'registration was fitted. Lower the fit fraction'
+        raise _nothing_scored(register, fit_fraction, int(known.any(axis=(0, 2)).sum()), when)
+    farthest = max(arc_lengths.values())
+    doubtful = offset.correlation is not None and offset.correlation < DOUBTFUL_CORRELATION
+    similarity, alternatives, frames, astray = None, dict[Kind, float](), list[str](), list[str]()
+    if not doubtful:
+        alternatives, of_all = (
+            comparison.alternatives(~after, after),
+            comparison.alternatives(everything, everything),
         )
+        placed, similarity = _most_similar(estimates, registration, truth, offset.seconds)
+        own = truth.times - offset.seconds
+        x = placed.at(own if similarity is None else similarity.estimate_times(truth.times, offset.seconds))
+        frames = registration_hints(register, alternatives, of_all, farthest)
+        frames += cause_warnings(register, x, truth, similarity, farthest, _speed(placed))
+        astray = base_warnings(x, truth, farthest)
     warnings = (
         *_offset_warnings(offset),
         *_truth_warnings(screened),
-        *_frame_warnings(offset, registration, matched, truth, models),
+        *frames,
+        *astray,
         *_coverage_warnings(models, truth, scored),
     )
-    return Evaluation(models, offset, registration, time_offset_from, registration_from, screened, warnings)
+    return Evaluation(
+        models,
+        offset,
+        registration,
+        time_offset_from,
+        registration_from,
+        screened,
+        warnings,
+        similarity,
+        alternatives,
+        tuple(frames),
+        tuple(astray),
+    )
+
+
+def _enough(error: MarkerError) -> MarkerError:
+    """The error, or that of nothing: one sample has no median worth the name."""
+    return error if error.n >= FEWEST else MarkerError(error.times[:0], error.distances[:0], error.arc_length)
+
+
+def _nothing_scored(register: Kind, fit_fraction: float, n: int, when: FloatArray) -> EvaluationError:
+    if register == 'none' or n < FEWEST:
+        return EvaluationError(
+            f'nothing can be scored: estimate and truth have {n} samples in common, expected at least {FEWEST}'
+        )
+    text = (
+        f'nothing is left to score after the first {100 * fit_fraction:g} % of the trial, on which the registration '
+        f'was fitted'
+    )
+    # What the first sample alone would be fitted on leaves the rest to be scored.
+    advice = (
+        'Lower the fit fraction' if (when > when[0]).sum() >= FEWEST else 'Register by none, which scores all'
+    )
+    return EvaluationError(f'{text}. {advice}')
+
+
+def _most_similar(
+    estimates: Mapping[str, Trajectory], registration: Registration, truth: Trajectory, offset: float
+) -> tuple[Trajectory, Similarity | None]:
+    """The model that agrees best once scale, clock rate and frames are left out, and what these would be.
+
+    Which of the models it is hardly matters to frames; but lengths must not be judged by a model that takes short cuts.
+    """
+    candidates: list[tuple[float, Trajectory, Similarity | None]] = []
+    for estimate in estimates.values():
+        placed = estimate
+        if registration.offsets is not None and estimate.orientations is not None:
+            beside = estimate.positions + rotate(estimate.orientations, registration.offsets)
+            placed = Trajectory(estimate.times, beside, estimate.names)
+        fit = fit_similarity(placed, truth, offset)
+        candidates.append((math.inf if fit is None else fit.left, placed, fit))
+    _, placed, fit = min(candidates, key=lambda c: c[0])
+    return placed, fit
+
+
+def _speed(trajectory: Trajectory) -> float:
+    """Of the markers, rms, m/s."""
+    steps, times = np.diff(trajectory.positions, axis=0), np.diff(trajectory.times)
+    return (
+        float(np.sqrt(np.median((steps**2).sum(axis=2) / np.square(times)[:, None]))) if len(times) else 0.0
+    )
 
 
 def _check(
@@ -247,24 +343,6 @@ def _shared_time_offset(estimates: Mapping[str, Trajectory], truth: Trajectory) 
     if mirrored and mirrored[0].mirrored > (found[best].correlation or 0.0):
         raise mirrored[0]
     return found[best], best
-
-
-def _shared_registration(
-    register: Kind, matched: Mapping[str, FloatArray], truth: Trajectory, fitted: np.ndarray
-) -> tuple[Registration, str]:
-    candidates: list[tuple[float, Registration, str]] = []
-    for model, positions in matched.items():
-        known = fitted[:, None] & truth.seen & ~np.isnan(positions[..., 0])
-        when = truth.times[known.any(axis=1)]
-        if not len(when):
-            continue
-        registration = fit_registration(
-            register, positions[known], truth.positions[known], (float(when[0]), float(when[-1]))
-        )
-        residual = np.linalg.norm(registration.apply(positions[known]) - truth.positions[known], axis=1)
-        candidates.append((float(np.median(residual)), registration, model))
-    _, registration, model = min(candidates, key=lambda c: c[0])
-    return registration, model
 
 
 def _no_overlap(
@@ -319,36 +397,6 @@ def _truth_warnings(screened: Screened) -> list[str]:
         for a, b in screened.exchanged_throughout
     )
     return warnings
-
-
-def _frame_warnings(
-    offset: TimeOffset,
-    registration: Registration,
-    matched: Mapping[str, FloatArray],
-    truth: Trajectory,
-    models: Mapping[str, Mapping[str, MarkerError]],
-) -> list[str]:
-    """Say so where a rotation that was not fitted would take away most of large errors."""
-    doubtful = offset.correlation is not None and offset.correlation < DOUBTFUL_CORRELATION
-    small = any(e.median_pct <= LARGE_PCT for errors in models.values() for e in errors.values())
-    if registration.kind == 'rigid' or doubtful or small:
-        return []
-    try:
-        everything = np.ones(len(truth.times), dtype=bool)
-        rigid, model = _shared_registration('rigid', matched, truth, everything)
-    except EvaluationError:  # no rotation can be told from these
-        return []
-    now, then = (
-        float(np.nanmedian(np.linalg.norm(r.apply(matched[model]) - truth.positions, axis=2)))
-        for r in (registration, rigid)
-    )
-    if then > RIGID_LEAVES * now:
-        return []
-    warning = (
-        f'The frames of estimate and truth seem to differ: with --register rigid the median error would be '
-        f'{1e3 * then:.1f} mm instead of {1e3 * now:.1f} mm.'
-    )
-    return [warning]
 
 
 def _coverage_warnings(

@@ -172,6 +172,7 @@ def _removed(trials: Sequence[EvaluatedTrial]) -> str:
         facts = (
             ('Time offset', _time_offset(evaluation)),
             ('Registration', _registration(evaluation)),
+            ('Not applied', _not_applied(evaluation)),
             ('Left out of the truth', _left_out(evaluation)),
             ('Scored', _scored(evaluation)),
         )
@@ -205,13 +206,18 @@ def _registration(evaluation: Evaluation) -> str:
     registration = evaluation.registration
     if registration.fitted_on is None:
         return 'none: the frames were taken to be the same'
-    x, y, z = 1e3 * registration.translation
     start, end = np.subtract(registration.fitted_on, evaluation.screened.truth.times[0])
-    turn = f'rotation by {np.degrees(registration.angle):.2f}°, ' if registration.kind == 'rigid' else ''
     return (
-        f'{registration.kind}: {turn}translation {x:+.1f}, {y:+.1f}, {z:+.1f} mm; fitted with '
+        f'{registration.kind}: {registration.told()}; fitted with '
         f'{evaluation.registration_from} on {start:.2f} to {end:.2f} s, which is not scored'
     )
+
+
+def _not_applied(evaluation: Evaluation) -> str:
+    fit = evaluation.similarity
+    if fit is None:
+        return 'scale and clock rate: the motion does not tell them'
+    return f'scale {fit.scale:.4f} and clock rate {1e6 * fit.clock_rate:+.0f} ppm would fit best'
 
 
 def _left_out(evaluation: Evaluation) -> str:

@@ -162,8 +162,8 @@ def _refuse_short(what: str, trajectory: Trajectory) -> None:
     if trajectory.duration < MIN_OVERLAP or len(trajectory.times) < MIN_SAMPLES:
         raise EvaluationError(
             f'the {what} is too short to find a time offset: {len(trajectory.times)} samples in '
-            f'{trajectory.duration:.2f} s, expected at least {MIN_SAMPLES} in {MIN_OVERLAP:g} s. '
-            f'Give the offset instead'
+            f'{trajectory.duration:.2f} s, expected at least {MIN_SAMPLES} in {MIN_OVERLAP:g} s'
+            + ('. Give the offset instead' if len(trajectory.times) > 2 else '')
         )
 
 

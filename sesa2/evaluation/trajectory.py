@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sesa2.errors import Sesa2Error
-from sesa2.shape.rotations import FloatArray
+from sesa2.shape.rotations import FloatArray, slerp
 
 # Two samples lost in a row are bridged, more are a gap: at the arm's 5 m/s² a straight line over 3 × 32 ms is
 # 6 mm off at worst, 1 % of the arm.
@@ -29,11 +29,14 @@ class Trajectory:
         x y z, m, in one frame. NaN in all three components: the marker was not seen then.
     names
         the m markers.
+    orientations : (n, m, 4) or None
+        of the links that the markers are on, x y z w, in the same frame; None where they are not known.
     """
 
     times: FloatArray
     positions: FloatArray
     names: tuple[str, ...]
+    orientations: FloatArray | None = None
 
     def __post_init__(self) -> None:
         times = np.array(self.times, dtype=float)
@@ -59,6 +62,10 @@ class Trajectory:
             i, m, _ = np.argwhere(np.isinf(positions) | (nan & ~nan.all(axis=2, keepdims=True)))[0]
             raise EvaluationError(
                 f'{names[m]} at sample {i} is {positions[i, m]}, expected three finite numbers, or three NaN'
+            )
+        if self.orientations is not None and self.orientations.shape != (*positions.shape[:2], 4):
+            raise EvaluationError(
+                f'orientations {self.orientations.shape}, expected {(*positions.shape[:2], 4)} as of the positions'
             )
         times.setflags(write=False)
         positions.setflags(write=False)
@@ -96,7 +103,19 @@ class Trajectory:
         missing = [name for name in names if name not in self.names]
         if missing:
             raise EvaluationError(f'no marker {", ".join(missing)}; there are {", ".join(self.names)}')
-        return Trajectory(self.times, self.positions[:, [self.names.index(n) for n in names]], names)
+        which = [self.names.index(n) for n in names]
+        turned = None if self.orientations is None else self.orientations[:, which]
+        return Trajectory(self.times, self.positions[:, which], names, turned)
+
+    def turned_at(self, times: ArrayLike) -> FloatArray | None:
+        """Orientations at other times, (k, m, 4), by slerp; held before the first and after the last sample."""
+        if self.orientations is None:
+            return None
+        if len(self.times) == 1:
+            return np.repeat(self.orientations, len(np.asarray(times)), axis=0)
+        i = np.clip(np.searchsorted(self.times, times, side='right') - 1, 0, len(self.times) - 2)
+        weight = np.clip((np.asarray(times) - self.times[i]) / (self.times[i + 1] - self.times[i]), 0.0, 1.0)
+        return slerp(self.orientations[i], self.orientations[i + 1], weight[:, None])
 
     def at(self, times: ArrayLike) -> FloatArray:
         """Positions at other times, interpolated linearly (thesis 4.5.4).

@@ -22,6 +22,7 @@ from sesa2.configuration import Configuration, files
 from sesa2.errors import Sesa2Error
 from sesa2.estimation.arrivals import lag_in_words
 from sesa2.estimation.estimator import Estimate, Estimator
+from sesa2.estimation.stuck import stuck_in_words, stuck_spans
 from sesa2.estimation.sweeps import Sweep
 from sesa2.messages.imu_messages import read_imu
 from sesa2.messages.results import TYPES, ResultMessages
@@ -289,12 +290,22 @@ class EstimatorNode(ConfinedNode):
     def _publish_configuration(self) -> None:
         self._configuration_publisher.publish(String(data=files.dump(self.configuration)))
 
+    def _stuck_now(self) -> dict[int, float]:
+        """IMUs that have been stuck until now, by index, and for how long at least, s."""
+        if not self._recent:
+            return {}
+        stamps = np.array([s.stamp_ns for s in self._recent]) / NS
+        orientations = np.stack([s.orientations for s in self._recent])
+        spans = stuck_spans(stamps, orientations, np.stack([s.measured for s in self._recent]))
+        return {i: own[-1][1] - own[-1][0] for i, own in enumerate(spans) if own and own[-1][1] == stamps[-1]}
+
     def _report(self) -> list[Part]:
         now, before = time.monotonic(), self._last_report
         elapsed = now - before[0]
         alive, lags = self.assembler.alive, self.assembler.arrivals.lags
         base_id = self.configuration.imus.base_id
         no_base = False
+        stuck = self._stuck_now()
         parts: list[Part] = []
         for index, imu in enumerate(self._ids):
             if imu not in self.configuration.imus.used_ids:
@@ -313,6 +324,8 @@ class EstimatorNode(ConfinedNode):
                 level, text = ERROR, 'nothing measured; without the IMU on the base there is no shape'
             elif rate == 0.0 or not alive[index]:
                 level, text = WARN, 'nothing measured; interpolated from its neighbours'
+            elif stuck.get(index):
+                level, text = WARN, stuck_in_words(stuck[index])
             if self.unstamped[imu]:
                 level, text = max(level, WARN), f'{text}; {_NO_STAMP}'
             if index in lags:

@@ -462,3 +462,18 @@ def test_the_simulated_arm(recordings, tmp_path):
     assert summary.warnings == []
     poses = read_poses(tmp_path / 'out', 'rigid/markers')
     np.testing.assert_allclose(poses.times_s, stamps.max(axis=1) / 1e9, rtol=0, atol=1e-6)
+
+
+def test_a_stuck_imu_is_told(configuration, tmp_path):
+    made = make_samples(800)
+    held = next(m.orientation for m in made[200 * N_IMU :] if m.topic == '/imu_2/data')
+    for k, m in enumerate(made):
+        if m.topic == '/imu_2/data' and 200 <= k // N_IMU < 600:
+            made[k] = m._replace(data=ImuMessages('imu_2').make(m.stamp_ns, held))
+    assert replay(write(tmp_path / 'sound', make_samples(800)), configuration, tmp_path / 'a').stuck == {}
+    summary = replay(write(tmp_path / 'in', made), configuration, tmp_path / 'out')
+    [(imu, seconds)] = summary.stuck.items()
+    assert imu == 2
+    [told] = summary.warnings
+    assert told == f'IMU 2: stuck: the same quaternion for {seconds:.1f} s while others turned'
+    assert seconds == pytest.approx((made[600 * N_IMU].stamp_ns - made[200 * N_IMU].stamp_ns) / 1e9, abs=0.25)

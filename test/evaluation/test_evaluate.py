@@ -37,7 +37,7 @@ def test_json_is_what_the_design_fixes(estimate, truth):
     got = evaluate({'pcc': estimate, 'rigid': estimate}, truth, ARC_LENGTHS, register='rigid').to_json()
     again = json.loads(json.dumps(got, allow_nan=False))
     assert again == got
-    assert list(got) == ['models', 'time_offset_s', 'registration']
+    assert list(got) == ['models', 'time_offset_s', 'scale', 'clock_rate', 'warnings', 'registration']
     assert list(got['models']) == ['pcc', 'rigid']
     assert list(got['models']['pcc']) == ['M1', 'M2']
     assert list(got['models']['pcc']['M1']) == ['median_mm', 'q3_mm', 'rmse_mm', 'median_pct', 'q3_pct', 'n']
@@ -180,7 +180,7 @@ def test_errors_that_no_rotation_explains_are_not_blamed_on_the_frames(estimate,
 
 def test_figures_of_few_samples_are_warned_of(estimate, truth):
     got = evaluate(
-        {'pcc': estimate}, truth, ARC_LENGTHS, register='rigid', fit_fraction=0.9999, time_offset=0.0
+        {'pcc': estimate}, truth, ARC_LENGTHS, register='rigid', fit_fraction=0.999, time_offset=0.0
     )
     n = got.models['pcc']['M1'].n
     assert 0 < n < 30
@@ -229,8 +229,9 @@ def test_refuses_an_estimate_with_holes(estimate, truth):
 
 def test_refuses_to_score_nothing(estimate, truth):
     p = np.full_like(truth.positions, np.nan)
-    p[3000] = truth.positions[3000]
-    with pytest.raises(EvaluationError, match='nothing is left to score after the first 50 %'):
+    p[3000:3002] = truth.positions[3000:3002]
+    message = 'nothing is left to score after the first 50 % .* Register by none, which scores all'
+    with pytest.raises(EvaluationError, match=message):
         evaluate({'pcc': estimate}, changed(truth, p), ARC_LENGTHS, register='translation', time_offset=0.0)
 
 
@@ -256,3 +257,72 @@ def test_the_simulated_trial(twin):
     assert got.models['tangents']['M2'].median_pct < raw.models['tangents']['M2'].median_pct
     assert got.registration.angle < 0.05
     assert raw.warnings == ()
+
+
+@pytest.mark.parametrize('register', ['none', 'translation'])
+def test_one_sample_is_never_scored(estimate, truth, register):
+    p = np.full_like(truth.positions, np.nan)
+    p[2000:2002, 0] = truth.positions[2000:2002, 0]
+    p[4000, 0] = truth.positions[4000, 0]
+    one = changed(truth, p)
+    if register == 'none':
+        p[2000:2002] = np.nan
+        with pytest.raises(
+            EvaluationError, match=r'nothing can be scored: .* 1 samples in common, expected at least 2'
+        ):
+            evaluate({'pcc': estimate}, changed(truth, p), {'M1': 0.36}, time_offset=0.0)
+    else:
+        with pytest.raises(EvaluationError, match=r'nothing is left to score .* Lower the fit fraction'):
+            evaluate({'pcc': estimate}, one, {'M1': 0.36}, register=register, time_offset=0.0)
+        # what was advised is not refused
+        lower = evaluate(
+            {'pcc': estimate}, one, {'M1': 0.36}, register=register, time_offset=0.0, fit_fraction=1e-6
+        )
+        assert lower.models['pcc']['M1'].n == 2
+
+
+def test_a_marker_with_one_sample_has_no_figures(estimate, truth):
+    p = truth.positions.copy()
+    p[1:, 0] = np.nan
+    got = evaluate({'pcc': estimate}, changed(truth, p), ARC_LENGTHS, time_offset=0.0)
+    assert got.models['pcc']['M1'].n == 0
+    assert 'pcc has nothing to score at M1.' in got.warnings
+
+
+def test_a_registration_that_makes_it_worse_is_told(estimate, truth):
+    # until the middle, what was seen is turned; out of sight in between, or it would have jumped
+    p = truth.positions.copy()
+    early = truth.times < 29.0
+    p[(truth.times >= 29.0) & (truth.times < 31.0)] = np.nan
+    p[early] = Rotation.from_euler('x', 20.0, degrees=True).apply(p[early].reshape(-1, 3)).reshape(-1, 2, 3)
+    got = evaluate({'pcc': estimate}, changed(truth, p), ARC_LENGTHS, register='rigid', time_offset=0.0)
+    [told] = [w for w in got.warnings if 'makes it worse' in w]
+    assert re.search(r'--register rigid makes it worse: .* \d+\.\d mm, with --register none 0\.\d mm', told)
+
+
+def test_a_rotation_that_cannot_be_fitted_is_not_advised(estimate, truth):
+    """In the first half the markers stay on a line; on everything a rotation could be fitted."""
+    still = np.array([[[0.0, 0.0, 0.36], [0.0, 0.0, 0.6]]])
+    p, q = truth.positions.copy(), estimate.positions.copy()
+    p[truth.times < 31.0] = still
+    q[estimate.times < 31.0] = still
+    flipped = changed(truth, p * (-1.0, 1.0, -1.0))
+    with pytest.raises(EvaluationError, match='rigid registration cannot be found'):
+        evaluate({'pcc': changed(estimate, q)}, flipped, ARC_LENGTHS, register='rigid', time_offset=0.0)
+    got = evaluate({'pcc': changed(estimate, q)}, flipped, ARC_LENGTHS, time_offset=0.0)
+    assert not any('--register rigid' in w for w in got.warnings)
+
+
+def test_a_small_shift_of_a_good_estimate_is_told(estimate, truth):
+    got = evaluate({'pcc': estimate}, changed(truth, truth.positions + 0.005), ARC_LENGTHS, time_offset=0.0)
+    assert any('with --register translation the median error would be 0.' in w for w in got.warnings)
+
+
+def test_scale_and_clock_rate_are_told_and_not_applied(estimate, truth):
+    grown = Trajectory(100.0 + 1.002 * truth.times, 1.03 * truth.positions, truth.names)
+    got = evaluate({'pcc': estimate}, in_another_frame(grown), ARC_LENGTHS, register='rigid').to_json()
+    assert got['scale'] == pytest.approx(1.03, abs=1e-3)
+    assert got['clock_rate'] == pytest.approx(2e-3, rel=0.02)
+    assert got['models']['pcc']['M2']['median_mm'] > 3.0
+    assert any('3.0 % larger' in w for w in got['warnings'])
+    assert any('0.200 % fast' in w for w in got['warnings'])

@@ -4,7 +4,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from sesa2.evaluation.registration import Registration, fit_registration, horn_matrix
+from sesa2.evaluation.registration import (
+    Registration,
+    fit_registration,
+    horn_matrix,
+    least_squares_step,
+)
 from sesa2.evaluation.trajectory import EvaluationError
 
 
@@ -96,3 +101,60 @@ def test_refuses_no_points_and_unknown_kinds():
         fit_registration('translation', np.empty((0, 3)), np.empty((0, 3)))
     with pytest.raises(EvaluationError, match="'affine', expected one of none, translation, rigid"):
         fit_registration('affine', np.zeros((3, 3)), np.zeros((3, 3)))
+
+
+def bending(rng, n=300, m=3):
+    """Markers on links that turn every way, and where they are if they sit beside the axis."""
+    links = Rotation.from_rotvec(rng.normal(0.0, 0.6, (n * m, 3)))
+    p = rng.normal(0.0, 0.1, (n, m, 3)) + np.arange(1, m + 1)[:, None] * (0.0, 0.0, 0.2)
+    offsets = rng.normal(0.0, 0.02, (m, 3))
+    beside = p + links.apply(np.broadcast_to(offsets, p.shape).reshape(-1, 3)).reshape(p.shape)
+    return p, links.as_quat().reshape(n, m, 4), offsets, beside
+
+
+@pytest.mark.parametrize('kind', ['offsets', 'rigid+offsets'])
+def test_offsets_are_found_in_their_links(kind):
+    rng = np.random.default_rng(8)
+    p, links, offsets, beside = bending(rng)
+    turn = Rotation.from_rotvec((0.4, -2.0, 1.0) if kind == 'rigid+offsets' else (0.0, 0.0, 0.0))
+    shift = np.array((0.1, -0.2, 0.3))
+    truth = turn.apply(beside.reshape(-1, 3)).reshape(beside.shape) + shift
+    found = fit_registration(kind, p, truth, (1.0, 2.0), links)
+    np.testing.assert_allclose(found.offsets, offsets, atol=1e-7)
+    np.testing.assert_allclose(found.translation, shift, atol=1e-7)
+    assert (Rotation.from_quat(found.rotation) * turn.inv()).magnitude() < 1e-6
+    np.testing.assert_allclose(found.apply(p, links), truth, atol=1e-7)
+    assert found.told().count('(') == (4 if kind == 'rigid+offsets' else 3)
+
+
+def test_what_was_not_seen_does_not_count():
+    rng = np.random.default_rng(9)
+    p, links, offsets, truth = bending(rng)
+    truth[:100, 0] = np.nan
+    p[200:, 1] = np.nan
+    np.testing.assert_allclose(fit_registration('offsets', p, truth, None, links).offsets, offsets, atol=1e-9)
+
+
+def test_an_arm_that_does_not_turn_is_given_no_offsets_but_a_translation():
+    rng = np.random.default_rng(10)
+    p = rng.normal(0.0, 0.1, (50, 1, 3))
+    links = np.broadcast_to((0.0, 0.0, 0.0, 1.0), (50, 1, 4))
+    moved = p + np.array((0.02, 0.0, 0.0))
+    found = fit_registration('offsets', p, moved, None, links)
+    np.testing.assert_allclose(found.apply(p, links), moved, atol=1e-12)
+    assert np.linalg.norm(found.offsets) < 0.021
+
+
+def test_offsets_need_orientations():
+    p = np.zeros((5, 1, 3))
+    with pytest.raises(EvaluationError, match='offsets needs the orientations of the markers'):
+        fit_registration('offsets', p, p)
+
+
+def test_least_squares_step_equals_numpy_and_leaves_out_what_is_not_told():
+    rng = np.random.default_rng(11)
+    A, b = rng.normal(size=(100, 5)), rng.normal(size=100)
+    np.testing.assert_allclose(least_squares_step(A, b, 1e-3), np.linalg.lstsq(A, b, rcond=None)[0])
+    A[:, 4] = A[:, 3] * (1.0 + 1e-6)
+    expected = np.linalg.lstsq(A, b, rcond=1e-2)[0]
+    np.testing.assert_allclose(least_squares_step(A, b, 1e-2), expected, rtol=1e-5)

@@ -77,7 +77,7 @@ def test_one_trial(tmp_path, trial):
         assert f'{error.median_pct:.2f} {error.q3_pct:.2f} {error.rmse_pct:.2f} {error.n}' in text
     assert 'found from the motion with rigid' in text
     assert re.search(
-        r'rigid: rotation by 0\.\d\d°, translation .* mm; fitted with rigid on 0\.0\d to (29|30)\.\d\d s',
+        r'rigid: rotation by 0\.\d\d° about \(.*\), translation .* mm; fitted with rigid on 0\.0\d to (29|30)\.\d\d s',
         text,
     )
 

@@ -78,3 +78,16 @@ def test_is_frozen_and_owns_its_arrays():
     np.testing.assert_array_equal(trajectory.positions, P)
     with pytest.raises(ValueError, match='read-only'):
         trajectory.positions[0] = 0.0
+
+
+def test_orientations_are_interpolated_the_short_way_and_chosen_with_their_markers():
+    turned = np.zeros((2, 2, 4))
+    turned[0, :, 3] = 1.0
+    turned[1, 0] = -np.array([np.sin(0.3), 0.0, 0.0, np.cos(0.3)])  # the same rotation as without the sign
+    turned[1, 1, 3] = 1.0
+    trajectory = Trajectory([0.0, 1.0], np.zeros((2, 2, 3)), ('A', 'B'), turned)
+    quarter = trajectory.select(('A',)).turned_at([0.25, 2.0])[:, 0]
+    np.testing.assert_allclose(np.abs(quarter[0]), [np.sin(0.075), 0.0, 0.0, np.cos(0.075)], atol=1e-12)
+    np.testing.assert_allclose(np.abs(quarter[1]), [np.sin(0.3), 0.0, 0.0, np.cos(0.3)], atol=1e-12)
+    with pytest.raises(EvaluationError, match='orientations'):
+        Trajectory([0.0], np.zeros((1, 1, 3)), ('A',), np.zeros((1, 2, 4)))

@@ -507,3 +507,18 @@ def test_an_earth_frame_that_points_down_is_named(graph, node):
     )
     assert diagnosis.of('estimator: sweeps')[-1][0] >= DiagnosticStatus.WARN
     assert graph.until(lambda: [m for m in logs if 'north-east-down' in m.msg], 'a line in the log')
+
+
+def test_an_imu_that_says_the_same_while_others_turn_is_stuck(graph, node):
+    diagnostics = graph.listen(DiagnosticArray, '/diagnostics', 10)
+    sensors = Sensors(graph, (2, 5))
+    for k in range(60):  # 3 s
+        half = 0.3 * np.sin(0.1 * k)
+        sensors.say(2, T0 + 50 * k * MS, [0.0, 0.0, 0.0, 1.0])
+        sensors.say(5, T0 + 50 * k * MS, [np.sin(half), 0.0, 0.0, np.cos(half)])
+
+    def told(part):
+        return [s.message for m in diagnostics for s in m.status if s.name == f'estimator: {part}']
+
+    graph.until(lambda: any('stuck: the same quaternion for' in t for t in told('imu_2')), 'a stuck IMU 2')
+    assert not any('stuck' in t for t in told('imu_5'))
