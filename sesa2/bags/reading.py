@@ -11,10 +11,11 @@ import numpy as np
 from sesa2.bags.captured_bodies import add_captured_imus
 from sesa2.bags.definitions import POSE_ARRAY, STRING, deserialise
 from sesa2.bags.recording import Recording, open_recording
-from sesa2.bags.topics import imu_topic
+from sesa2.bags.topics import Message, field_topic, imu_topic
 from sesa2.errors import Sesa2Error
 from sesa2.messages import poses
 from sesa2.messages.imu_messages import read_imus
+from sesa2.messages.orientation_intake import OrientationIntake, TakenOrientations
 from sesa2.messages.topic_names import absolute
 from sesa2.shape.rotations import FloatArray
 from sesa2.time import NS
@@ -81,6 +82,14 @@ class ImuBlock(NamedTuple):
             yield Sample(id_, stamp_ns, q[0], q[1], q[2], q[3], data, log_ns)
 
 
+class FieldMessage(NamedTuple):
+    """A sensor_msgs/MagneticField in CDR: of which IMU, and when it was recorded, ns."""
+
+    id: int
+    log_ns: int
+    data: bytes
+
+
 class ImuRecording:
     """The IMUs of a recording.
 
@@ -88,6 +97,9 @@ class ImuRecording:
     ----------
     recording
         open, and kept open by the caller.
+    intake
+        makes orientations of the messages, and keeps count of those that have none; where it is None, measurements of
+        IMUs that have none are all zero.
 
     Attributes
     ----------
@@ -104,8 +116,9 @@ class ImuRecording:
         there is no message of an IMU in it, or there are those of several arms.
     """
 
-    def __init__(self, recording: Recording):
+    def __init__(self, recording: Recording, intake: OrientationIntake | None = None):
         self._recording = recording
+        self._intake = intake
         if not any(imu_topic(name, topic.type) for name, topic in recording.topics.items()):
             add_captured_imus(recording)
         by_namespace: dict[str, dict[str, int]] = defaultdict(dict)
@@ -126,20 +139,58 @@ class ImuRecording:
             )
         ((self.namespace, self._ids),) = by_namespace.items()
         self.counts = {id_: recording.topics[name].count for name, id_ in self._ids.items()}
+        self._fields = {
+            name: found.id
+            for name, topic in recording.topics.items()
+            if (found := field_topic(name, topic.type)) and found.namespace == self.namespace
+        }
         self.unreadable: Counter[int] = Counter()
 
     def blocks(self) -> Iterator[ImuBlock]:
         """All measurements, in the recording's order."""
-        messages = self._recording.messages(self._ids)
+        wants_fields = self._intake is not None and self._intake.wants_fields
+        messages = self._recording.messages([*self._ids, *(self._fields if wants_fields else ())])
         while part := list(islice(messages, BLOCK)):
+            if wants_fields and not (part := self._without_fields(part)):
+                continue
             ids = np.fromiter((self._ids[message.topic] for message in part), np.int64, len(part))
             log_ns = np.fromiter((message.log_ns for message in part), np.int64, len(part))
             data = [message.data for message in part]
-            stamps_ns, orientations, readable = read_imus(data)
-            if not readable.all():
-                self.unreadable.update(ids[~readable].tolist())
-            block = ImuBlock(ids, stamps_ns, orientations, data, log_ns)
-            yield block if readable.all() else block.chosen(np.flatnonzero(readable))
+            if self._intake is None:
+                read = read_imus(data)
+                taken = TakenOrientations(read.stamps_ns, read.orientations, read.readable, read.readable)
+            else:
+                taken = self._intake.take_many(ids, data)
+            if not taken.readable.all():
+                self.unreadable.update(ids[~taken.readable].tolist())
+            block = ImuBlock(ids, taken.stamps_ns, taken.orientations, data, log_ns)
+            if taken.usable.all():
+                yield block
+            elif taken.usable.any():
+                yield block.chosen(np.flatnonzero(taken.usable))
+
+    def fields(self) -> Iterator[FieldMessage]:
+        """What the magnetometers beside the IMUs said, in the recording's order."""
+        for message in self._recording.messages(self._fields) if self._fields else ():
+            yield FieldMessage(self._fields[message.topic], message.log_ns, message.data)
+
+    @property
+    def field_ids(self) -> list[int]:
+        """IMUs with a magnetometer beside them."""
+        return sorted(self._fields.values())
+
+    def _without_fields(self, part: list[Message]) -> list[Message]:
+        assert self._intake is not None
+        rest = []
+        for message in part:
+            if message.topic not in self._fields:
+                rest.append(message)
+                continue
+            try:
+                self._intake.take_field(self._fields[message.topic], message.data)
+            except Sesa2Error:
+                self.unreadable[self._fields[message.topic]] += 1
+        return rest
 
     def samples(self) -> Iterator[Sample]:
         """The same one by one."""

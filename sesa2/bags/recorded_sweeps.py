@@ -11,6 +11,7 @@ from sesa2.configuration import Configuration
 from sesa2.errors import Sesa2Error
 from sesa2.estimation.arrivals import OFFLINE_PATIENCE, lag_in_words
 from sesa2.estimation.estimator import Estimator
+from sesa2.messages.orientation_intake import OrientationIntake
 from sesa2.shape.rotations import FloatArray
 
 
@@ -60,14 +61,17 @@ def read_sweeps(
     estimator = Estimator(configuration)
     assembler = estimator.assembler(OFFLINE_PATIENCE)
     indices = configuration.imus.indices
+    intake = OrientationIntake(configuration.imus.fusion, configuration.imus.used_ids)
     sweeps = []
     with open_recording(path, first_id) as recording:
-        for sample in ImuRecording(recording).samples():
+        for sample in ImuRecording(recording, intake).samples():
             if (index := indices.get(sample.id)) is not None:
                 sweeps += assembler.add(index, *sample[1:6], sample.log_ns)
         sweeps += assembler.flush()
         problems = [
             *recording.problems,
+            *intake.reasons,
+            *intake.doubts,
             *(f'{n} samples not used: {why}' for why, n in assembler.dropped.items()),
             *(
                 f'IMU {configuration.imus.all_ids[index]}: {lag_in_words(lag)}'

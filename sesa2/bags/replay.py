@@ -18,6 +18,7 @@ from sesa2.estimation.estimator import Estimator
 from sesa2.estimation.sweeps import NO_BASE, Sweep
 from sesa2.estimation.time_steps import AHEAD_NS
 from sesa2.messages.imu_messages import TYPE as IMU_TYPE
+from sesa2.messages.orientation_intake import OrientationIntake
 from sesa2.messages.results import ResultMessages
 from sesa2.messages.topic_names import CONFIGURATION, imu_data
 from sesa2.time import NS
@@ -136,7 +137,8 @@ def replay(
     if models is not None:
         configuration = files.parse(files.dump(replace(configuration, models=tuple(models))), '--models')
     with open_recording(source, first_id) as recording:
-        imus = ImuRecording(recording)
+        intake = OrientationIntake(configuration.imus.fusion, configuration.imus.used_ids)
+        imus = ImuRecording(recording, intake)
         indices = configuration.imus.indices
         if not any(n for id_, n in imus.counts.items() if id_ in indices):
             raise Sesa2Error(
@@ -155,7 +157,7 @@ def replay(
             summary = run.finish()
             summary.unknown = Counter({id_: n for id_, n in imus.counts.items() if id_ not in indices})
             summary.unreadable = imus.unreadable
-            summary.problems = recording.problems
+            summary.problems = [*recording.problems, *intake.reasons, *intake.doubts]
             if not summary.sweeps:
                 reasons = '; '.join(summary.warnings) or 'the IMUs with samples are disabled'
                 raise Sesa2Error(f'{source}: no sweep in {total} samples: {reasons}')

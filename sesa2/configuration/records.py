@@ -66,6 +66,11 @@ class Imus:
     base_id: int = parameter(0, 'id of an IMU on the base instead of base_orientation; 0: none', low=0)
     base_mount_orientation: Floats = parameter((0.0, 0.0, 0.0, 1.0), 'q_BS of the IMU on the base, x y z w')
     latency: float = parameter(0.0, 'delay of the sensors, s, taken off the stamps', low=0.0, high=1.0)
+    fusion: str = parameter(
+        'none',
+        'orientations as measured, or from angular velocity and acceleration (6d) and magnetic field (9d)',
+        choices=('none', '6d', '9d'),
+    )
     heading_filter: bool = parameter(False, 'correct slow heading drift while running')
 
     @property

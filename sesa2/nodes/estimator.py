@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from geometry_msgs.msg import PoseArray, PoseStamped
 from nav_msgs.msg import Path
-from sensor_msgs.msg import Imu, JointState
+from sensor_msgs.msg import Imu, JointState, MagneticField
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 from visualization_msgs.msg import MarkerArray
@@ -20,10 +20,10 @@ from sesa2.errors import Sesa2Error
 from sesa2.estimation.arrivals import lag_in_words
 from sesa2.estimation.estimator import Estimate, Estimator
 from sesa2.estimation.sweeps import Sweep
-from sesa2.messages.imu_messages import read_imu
+from sesa2.messages.orientation_intake import OrientationIntake
 from sesa2.messages.results import TYPES, ResultMessages
 from sesa2.messages.robot import describe_robot
-from sesa2.messages.topic_names import CONFIGURATION, imu_data, imu_name, of_model
+from sesa2.messages.topic_names import CONFIGURATION, imu_data, imu_field, imu_name, of_model
 from sesa2.ros.confined_node import ConfinedNode
 from sesa2.ros.diagnostics import ERROR, OK, WARN, Diagnostics, Part
 from sesa2.ros.parameters import declare_configuration
@@ -51,6 +51,8 @@ class EstimatorNode(ConfinedNode):
 
     Attributes
     ----------
+    intake
+        makes orientations of the IMUs' messages.
     latest
         the newest estimate, of one sweep.
     aligned
@@ -66,6 +68,8 @@ class EstimatorNode(ConfinedNode):
         self.configuration = declare_configuration(self)
         self._estimator = Estimator(self.configuration)
         self.assembler = self._estimator.assembler()
+        used_ids = self.configuration.imus.used_ids
+        self.intake = OrientationIntake(self.configuration.imus.fusion, used_ids)
         self.latest: Estimate | None = None
         self.aligned: Configuration | None = None
         self.n_sweeps = 0
@@ -92,6 +96,14 @@ class EstimatorNode(ConfinedNode):
             for index, i in enumerate(self._ids)
             if i in imus.used_ids
         ]
+        if self.intake.wants_fields:
+            self._subscriptions_of_imus += [
+                self.create_subscription(
+                    MagneticField, imu_field(i), partial(self._take_field, i), qos, raw=True
+                )
+                for i in imus.used_ids
+            ]
+        self._told_refusals: set[str] = set()
         self.received = Counter[int]()
         self._unreadable = 0
         self._near_singular = Counter[str]()
@@ -113,14 +125,22 @@ class EstimatorNode(ConfinedNode):
             self.received[imu] += 1
             arrival_ns = self._listening_clock()
             try:
-                sample = read_imu(data)
+                sample = self.intake.take(imu, data)
             except Sesa2Error:
                 self._unreadable += 1
+                return
+            if sample is None:
                 return
             for sweep in add(index, *sample, arrival_ns):
                 self._publish(sweep)
 
         return take
+
+    def _take_field(self, imu: int, data: bytes) -> None:
+        try:
+            self.intake.take_field(imu, data)
+        except Sesa2Error:
+            self._unreadable += 1
 
     def _listening_clock(self) -> int:
         """For how long this node has listened, ns: while it is held up, messages wait in their queues unheard."""
@@ -222,11 +242,19 @@ class EstimatorNode(ConfinedNode):
                 level, text = ERROR, 'nothing measured; without the IMU on the base there is no shape'
             elif rate == 0.0 or not alive[index]:
                 level, text = WARN, 'nothing measured; interpolated from its neighbours'
+            if level > OK and rate > 0.0 and (why := self.intake.why(imu)):
+                text = f'{text}; {why}'
+                if why not in self._told_refusals:
+                    self._told_refusals.add(why)
+                    self.get_logger().warning(f'IMU {imu}: {why}')
             if index in lags:
                 level, text = max(level, WARN), f'{text}; {lag_in_words(lags[index])}'
             parts.append((imu_name(imu), level, text, {'rate_hz': f'{rate:.1f}', 'publishers': publishers}))
         sweeps = (self.n_sweeps - before[2]) / elapsed
         dropped = {f'dropped: {reason}': n for reason, n in self.assembler.dropped.items()}
+        for reasons in self.intake.refused.values():
+            for reason, n in reasons.items():
+                dropped[f'dropped: {reason}'] = dropped.get(f'dropped: {reason}', 0) + n
         counts = {
             'sweeps': self.n_sweeps,
             'resets': self.assembler.resets,
