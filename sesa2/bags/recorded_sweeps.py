@@ -1,5 +1,6 @@
 """The sweeps of a recording as arrays, as alignment and self-calibration take them."""
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import NamedTuple
 
@@ -40,14 +41,14 @@ class RecordedSweeps(NamedTuple):
 
 
 def read_sweeps(
-    path: str | Path, configuration: Configuration, first_id: int | None = None
+    source: str | Path | Mapping[int, Path], configuration: Configuration, first_id: int | None = None
 ) -> RecordedSweeps:
     """Read a whole recording.
 
     Parameters
     ----------
-    path
-        of the recording.
+    source
+        the recording, or the log of each IMU by id.
     configuration
         says which IMUs are where.
     first_id
@@ -63,7 +64,7 @@ def read_sweeps(
     indices = configuration.imus.indices
     intake = OrientationIntake(configuration.imus.fusion, configuration.imus.used_ids)
     sweeps = []
-    with open_recording(path, first_id) as recording:
+    with open_recording(source, first_id) as recording:
         for sample in ImuRecording(recording, intake).samples():
             if (index := indices.get(sample.id)) is not None:
                 sweeps += assembler.add(index, *sample[1:6], sample.log_ns)
@@ -79,7 +80,9 @@ def read_sweeps(
             ),
         ]
     if not sweeps:
-        raise Sesa2Error(f'{path}: no sweep of the configured IMUs; {"; ".join(problems) or "no samples"}')
+        raise Sesa2Error(
+            f'{recording.path}: no sweep of the configured IMUs; {"; ".join(problems) or "no samples"}'
+        )
     return RecordedSweeps(
         np.array([s.stamp_ns for s in sweeps]),
         np.stack([s.orientations for s in sweeps]),

@@ -1,7 +1,7 @@
 """The estimator over a whole recording, as fast as the machine can, with the results of a live run."""
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -100,7 +100,7 @@ class Summary:
 
 
 def replay(
-    source: str | Path,
+    source: str | Path | Mapping[int, Path],
     configuration: Configuration,
     out: str | Path,
     *,
@@ -117,7 +117,7 @@ def replay(
     Parameters
     ----------
     source
-        the recording.
+        the recording, or the log of each IMU by id.
     configuration
         the arm, its IMUs and the models.
     out
@@ -137,6 +137,7 @@ def replay(
     if models is not None:
         configuration = files.parse(files.dump(replace(configuration, models=tuple(models))), '--models')
     with open_recording(source, first_id) as recording:
+        source = recording.path
         intake = OrientationIntake(configuration.imus.fusion, configuration.imus.used_ids)
         imus = ImuRecording(recording, intake)
         indices = configuration.imus.indices
