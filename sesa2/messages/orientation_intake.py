@@ -194,7 +194,8 @@ class OrientationIntake:
             return TakenOrientations(
                 read.stamps_ns, read.orientations, read.readable, read.readable & ~absent
             )
-        orientations = np.full((len(data), 4), np.nan)
+        # Of IMUs that are not used nobody asks.
+        orientations = np.where(np.isin(ids, self._ids)[:, None], np.nan, np.zeros(4))
         self._own.update((i, NOTHING_TO_FUSE) for i in ids[ours & ~read.has_inertial].tolist())
         for imu, one in self._filters.items():
             rows = np.flatnonzero(ours & read.has_inertial & (ids == imu))
@@ -203,5 +204,8 @@ class OrientationIntake:
                     read.stamps_ns[rows], read.angular_velocities[rows], read.accelerations[rows]
                 )
         return TakenOrientations(
-            read.stamps_ns, orientations, read.readable, np.isfinite(orientations).all(axis=1)
+            read.stamps_ns,
+            orientations,
+            read.readable,
+            read.readable & np.isfinite(orientations).all(axis=1),
         )

@@ -8,7 +8,7 @@ from typing import Any
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Imu, MagneticField
 
-from sesa2.bags.reading import ImuRecording, Sample
+from sesa2.bags.reading import FieldMessage, ImuRecording, Sample
 from sesa2.bags.recording import open_recording
 from sesa2.configuration import ConfigurationError, Mistake
 from sesa2.errors import Sesa2Error
@@ -98,21 +98,25 @@ class Player(ConfinedNode):
     def _play_once(self) -> int:
         """Play the recording once; the number of samples."""
         n = 0
-        # Read apart: most recordings have none.
-        with open_recording(self._run.bag) as recording:
-            fields = ImuRecording(recording).fields()
-            field = next(fields, None)
-            for sample, wait_s in self._paced():
-                while field and field.log_ns <= sample.log_ns:
-                    self._publishers_of_fields[field.id].publish(field.data)
-                    field = next(fields, None)
-                if wait_s > 0.0 and self._stop.wait(wait_s):
-                    break
-                self._publishers_of_imus[sample.id].publish(sample.data)
-                self._publish_clock(sample.stamp_ns)
-                n += 1
-                self.n_played += 1
+        fields = self._fields()
+        field = next(fields, None)
+        for sample, wait_s in self._paced():
+            while field and field.log_ns <= sample.log_ns:
+                self._publishers_of_fields[field.id].publish(field.data)
+                field = next(fields, None)
+            if wait_s > 0.0 and self._stop.wait(wait_s):
+                break
+            self._publishers_of_imus[sample.id].publish(sample.data)
+            self._publish_clock(sample.stamp_ns)
+            n += 1
+            self.n_played += 1
         return n
+
+    def _fields(self) -> Iterator[FieldMessage]:
+        """Magnetic fields beside the IMUs, read apart from these."""
+        if self._imus.field_ids:
+            with open_recording(self._run.bag) as recording:
+                yield from ImuRecording(recording).fields()
 
     def _paced(self) -> Iterator[tuple[Sample, float]]:
         """Each sample after the start, and how long to wait before it, s."""
