@@ -103,7 +103,8 @@ class EstimatorNode(ConfinedNode):
                 )
                 for i in imus.used_ids
             ]
-        self._told_refusals: set[str] = set()
+        self._last_refused = Counter[int]()
+        self._told_refused: set[int] = set()
         self.received = Counter[int]()
         self._unreadable = 0
         self._near_singular = Counter[str]()
@@ -223,6 +224,7 @@ class EstimatorNode(ConfinedNode):
         elapsed = now - before[0]
         alive, lags = self.assembler.alive, self.assembler.arrivals.lags
         base_id = self.configuration.imus.base_id
+        refused = self.intake.refused
         no_base = False
         parts: list[Part] = []
         for index, imu in enumerate(self._ids):
@@ -242,17 +244,19 @@ class EstimatorNode(ConfinedNode):
                 level, text = ERROR, 'nothing measured; without the IMU on the base there is no shape'
             elif rate == 0.0 or not alive[index]:
                 level, text = WARN, 'nothing measured; interpolated from its neighbours'
-            if level > OK and rate > 0.0 and (why := self.intake.why(imu)):
-                text = f'{text}; {why}'
-                if why not in self._told_refusals:
-                    self._told_refusals.add(why)
-                    self.get_logger().warning(f'IMU {imu}: {why}')
+            n_refused = sum(refused.get(imu, Counter()).values())
+            if n_refused - self._last_refused[imu] > (self.received[imu] - before[1][imu]) // 2:
+                level, text = max(level, WARN), f'{rate:.1f} Hz, of no use: {self.intake.why(imu)}'
+                if imu not in self._told_refused:
+                    self._told_refused.add(imu)
+                    self.get_logger().warning(f'IMU {imu}: {self.intake.why(imu)}')
+            self._last_refused[imu] = n_refused
             if index in lags:
                 level, text = max(level, WARN), f'{text}; {lag_in_words(lags[index])}'
             parts.append((imu_name(imu), level, text, {'rate_hz': f'{rate:.1f}', 'publishers': publishers}))
         sweeps = (self.n_sweeps - before[2]) / elapsed
         dropped = {f'dropped: {reason}': n for reason, n in self.assembler.dropped.items()}
-        for reasons in self.intake.refused.values():
+        for reasons in refused.values():
             for reason, n in reasons.items():
                 dropped[f'dropped: {reason}'] = dropped.get(f'dropped: {reason}', 0) + n
         counts = {
@@ -268,6 +272,8 @@ class EstimatorNode(ConfinedNode):
         else:
             level, text = ERROR, 'no IMU is alive'
         parts.append(('sweeps', level, text, counts))
+        if doubts := self.intake.doubts:
+            parts.append(('fusion', WARN, '; '.join(doubts), {}))
         for name, n in self._near_singular.items():
             if n:
                 text = f'{n} sweeps with a joint beyond 80° about z: joint angles are near their singularity'
