@@ -50,7 +50,8 @@ class ImuNumbers(NamedTuple):
     @property
     def orientations(self) -> FloatArray:
         """q_WS, (n, 4), x y z w; all zero where the driver says that there is none."""
-        return np.where(self.has_orientation[:, None], self.values[:, :4], 0.0)
+        there = self.has_orientation
+        return self.values[:, :4] if there.all() else np.where(there[:, None], self.values[:, :4], 0.0)
 
     @property
     def angular_velocities(self) -> FloatArray:
@@ -128,7 +129,7 @@ def read_imus(data: Sequence[bytes]) -> ImuNumbers:
         the serialised messages, as in `read_imu`.
     """
     n = len(data)
-    stamps, values = np.zeros(n, np.int64), np.zeros((n, N_NUMBERS))
+    stamps, values = np.zeros(n, np.int64), np.empty((n, N_NUMBERS))
     readable = np.ones(n, dtype=bool)
     sizes = np.fromiter(map(len, data), np.int64, n)
     for size in np.unique(sizes).tolist():
@@ -144,13 +145,17 @@ def read_imus(data: Sequence[bytes]) -> ImuNumbers:
             if at + 8 * N_NUMBERS <= size:
                 seconds, nanoseconds = raw[:, 4:12].copy().view('<u4').T
                 stamps[rows] = seconds.astype('<i4').astype(np.int64) * NS + nanoseconds
-                values[rows] = raw[:, at : at + 8 * N_NUMBERS].copy().view('<f8')
+                numbers = raw[:, at : at + 8 * N_NUMBERS].copy().view('<f8')
+                if len(rows) == n:
+                    values = numbers
+                else:
+                    values[rows] = numbers
                 continue
         for k in rows.tolist():
             try:
                 stamps[k], values[k] = read_imu_values(data[k])
             except Sesa2Error:
-                readable[k] = False
+                values[k], readable[k] = 0.0, False
     return ImuNumbers(stamps, values, readable)
 
 

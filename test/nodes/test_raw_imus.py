@@ -105,7 +105,7 @@ def test_live_they_are_fused_as_in_a_replay(graph, configured, tmp_path, fusion)
     replay(tmp_path / 'raw', node.configuration, tmp_path / 'out')
     replayed = read_poses(tmp_path / 'out', 'pcc/markers').positions[:, 0]
     live = [[m.poses[0].position.x, m.poses[0].position.y, m.poses[0].position.z] for m in markers]
-    np.testing.assert_array_equal(live, replayed)
+    np.testing.assert_allclose(live, replayed, rtol=0.0, atol=1e-14)
     # An arc whose end leans by what IMU 1 says, about y; 9D knows that y is north.
     lean = 0.3 + 0.2 * np.sin(5.0 * np.arange(50 - expected, 50) / 100.0)
     np.testing.assert_allclose(replayed[:, 0], 0.1 * (1.0 - np.cos(lean)) / lean, atol=5e-4)

@@ -8,13 +8,15 @@ Each angular velocity is scaled by the true interval over the period, so that wh
 turned, however irregular the stamps are. Gaps up to `FILLED_NS` are filled with straight lines between the samples.
 """
 
+import math
 from collections import Counter, deque
-from typing import TYPE_CHECKING
+from itertools import islice
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from sesa2.errors import Sesa2Error
-from sesa2.shape.rotations import FloatArray
+from sesa2.shape.rotations import FloatArray, multiply
 from sesa2.time import NS
 
 if TYPE_CHECKING:
@@ -170,11 +172,12 @@ class HostFusion:
         out = np.full((len(stamps_ns), 4), np.nan)
         k = 0
         while k < len(stamps_ns):
-            n, scales = self._without_doubt(stamps_ns[k:], angular_velocities[k:], accelerations[k:])
+            rest = slice(k, None)
+            n, scales = self._without_doubt(stamps_ns[rest], angular_velocities[rest], accelerations[rest])
             if n > 1:
-                gyr = np.ascontiguousarray(angular_velocities[k : k + n] * scales[:, None])
-                acc = np.ascontiguousarray(accelerations[k : k + n], dtype=float)
-                out[k : k + n] = self._filter.updateBatch(gyr, acc)['quat6D'][:, _W_LAST]
+                rows = slice(k, k + n)
+                gyr = angular_velocities[rows] * scales[:, None]
+                out[rows] = self._add_regular(gyr, accelerations[rows])
                 k += n
                 self._last = (int(stamps_ns[k - 1]), angular_velocities[k - 1], accelerations[k - 1])
                 continue
@@ -188,22 +191,50 @@ class HostFusion:
         self, stamps_ns: np.ndarray, gyr: FloatArray, acc: FloatArray
     ) -> tuple[int, FloatArray]:
         """How many samples follow each other without any that needs a second look, and by what each is scaled."""
-        if self._magnetometer or self._learning is not None or self._last is None or self._doubtful_ns:
+        if self._learning is not None or self._last is None or self._doubtful_ns is not None:
             return 0, np.empty(0)
-        scales = np.diff(stamps_ns, prepend=self._last[0]) / NS / self._period
+        intervals = np.diff(stamps_ns, prepend=self._last[0])
+        scales = intervals / NS / self._period
         with np.errstate(invalid='ignore'):
-            good = (scales > 0.0) & (scales < 1.5) & (np.linalg.norm(gyr, axis=1) <= _FASTEST)
+            good = (scales > 0.0) & (scales < 1.5) & ((gyr**2).sum(axis=1) <= _FASTEST**2)
             good &= np.isfinite(acc).all(axis=1) & acc.any(axis=1)
+        if self._magnetometer:
+            # One field to each sample, beginning with that of the last one before these.
+            n = min(len(self._fields) - 1, len(good))
+            if n < 1 or self._field_ns is None:
+                return 0, scales
+            fields_ns = np.fromiter((f[0] for f in islice(self._fields, n + 1)), np.int64, n + 1)
+            until_ns = stamps_ns[:n] - intervals[:n] + self._reach_ns(intervals[:n])
+            good = good[:n] & (fields_ns[:-1] <= until_ns)
+            good &= (fields_ns[1:] > until_ns) & (fields_ns[1:] <= stamps_ns[:n])
         n = len(good) if good.all() else int(np.argmin(good))
         return n, scales[:n]
 
+    def _add_regular(self, scaled: FloatArray, acc: FloatArray) -> FloatArray:
+        """Take samples that follow each other without doubt; q_WS, (n, 4), x y z w."""
+        gyr, acc = np.ascontiguousarray(scaled), np.ascontiguousarray(acc, dtype=float)
+        if not self._magnetometer:
+            return self._filter.updateBatch(gyr, acc)['quat6D'][:, _W_LAST]
+        # vqf takes a row's field after its sample: so the fields of the samples before are one row ahead.
+        self._filter.updateMag(np.array(self._fields.popleft()[1], dtype=float))
+        first = self._filter.getDelta()
+        fields = [self._fields.popleft() for _ in range(len(gyr))]
+        self._field_ns = fields[-1][0]
+        found = self._filter.updateBatch(gyr, acc, np.array([f[1] for f in fields], dtype=float))
+        headings = np.append(first, found['delta'][:-1])
+        about_z = np.zeros((len(gyr), 4))
+        about_z[:, 2], about_z[:, 3] = np.sin(0.5 * headings), np.cos(0.5 * headings)
+        return multiply(about_z, found['quat6D'][:, _W_LAST])
+
     @staticmethod
     def _unfit(gyr: FloatArray, acc: FloatArray) -> str:
-        if not (np.isfinite(gyr).all() and np.isfinite(acc).all()):
+        (x, y, z), (a, b, c) = gyr.tolist(), acc.tolist()
+        rate2, acceleration2 = x * x + y * y + z * z, a * a + b * b + c * c
+        if not math.isfinite(rate2 + acceleration2):
             return NOT_FINITE
-        if not acc.any():
+        if acceleration2 == 0.0:
             return NO_ACCELERATION
-        return TOO_FAST if np.linalg.norm(gyr) > _FASTEST else ''
+        return TOO_FAST if rate2 > _FASTEST**2 else ''
 
     def _out_of_time(self, stamp_ns: int) -> str:
         """Why a sample is left out for its stamp; begins anew where the time of the samples is another one."""
@@ -236,6 +267,8 @@ class HostFusion:
         if self._learning is not None:
             self._begin()
             return
+        if self._last is not None:
+            self._take_fields(self._last[0] + int(self._reach_ns(FILLED_NS)))
         state = self._filter.state
         state['accLpState'] = np.full_like(state['accLpState'], np.nan)
         self._filter.state = state
@@ -246,7 +279,7 @@ class HostFusion:
             self._filter.update(np.zeros(3), np.array(acc, dtype=float))
         else:
             last_ns, last_gyr, last_acc = self._last
-            self._take_fields(last_ns)
+            self._take_fields(last_ns + int(self._reach_ns(stamp_ns - last_ns)))
             interval = (stamp_ns - last_ns) / NS / self._period
             n = max(1, int(interval + 0.5))
             scale = interval / n
@@ -258,9 +291,12 @@ class HostFusion:
             self._filter.update(gyr * scale, np.array(acc, dtype=float))
         self._last = (stamp_ns, gyr, acc)
 
+    def _reach_ns(self, intervals_ns: Any) -> Any:
+        """How long after a sample a field is still its own, and not the next one's."""
+        return np.minimum(intervals_ns // 2, round(0.5 * self._period * NS))
+
     def _take_fields(self, until_ns: int) -> None:
         """Those of a time are taken when the next sample comes: by then they have arrived, live as in a recording."""
-        until_ns += round(0.5 * self._period * NS)
         while self._magnetometer and self._fields and self._fields[0][0] <= until_ns:
             self._field_ns, field = self._fields.popleft()
             self._filter.updateMag(np.array(field, dtype=float))
