@@ -120,7 +120,8 @@ class HostFusion:
 
     def add_field(self, stamp_ns: int, field: FloatArray) -> None:
         """Take a magnetic field in the sensor's axes, (3,), of any unit; it may arrive before or after its sample."""
-        if np.isfinite(field).all() and np.any(field):
+        x, y, z = field.tolist()
+        if 0.0 < x * x + y * y + z * z < math.inf:
             self._fields.append((stamp_ns, field))
             if len(self._fields) > _FIELDS_MAX:
                 self._fields.popleft()

@@ -208,6 +208,19 @@ def test_a_heading_without_its_field_is_told():
 
 
 @needs_vqf
+def test_a_field_that_is_none_is_left_out():
+    stamps, _, gyr, acc, mag = motion(2.0)
+    fusion, plain = HostFusion(magnetometer=True), HostFusion(magnetometer=True)
+    for k in range(len(stamps)):
+        if k % 3:
+            plain.add_field(int(stamps[k]), mag[k])
+        fusion.add_field(int(stamps[k]), mag[k] if k % 3 else [np.full(3, np.nan), np.zeros(3)][k % 2])
+        a, b = (one.add(int(stamps[k]), gyr[k], acc[k]) for one in (fusion, plain))
+        assert (a is None) == (b is None)
+        assert a is None or np.array_equal(a, b)
+
+
+@needs_vqf
 def test_gravity_in_g_is_named():
     stamps, _, gyr, acc, _ = motion(1.0)
     assert fuse(stamps, gyr, acc)[0].doubts == []
