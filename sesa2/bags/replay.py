@@ -18,7 +18,7 @@ from sesa2.estimation.estimator import Estimator
 from sesa2.estimation.sweeps import NO_BASE, Sweep
 from sesa2.estimation.time_steps import AHEAD_NS
 from sesa2.messages.imu_messages import TYPE as IMU_TYPE
-from sesa2.messages.orientation_intake import OrientationIntake
+from sesa2.messages.orientation_intake import OrientationIntake, unaligned_headings
 from sesa2.messages.results import ResultMessages
 from sesa2.messages.topic_names import CONFIGURATION, imu_data
 from sesa2.time import NS
@@ -158,7 +158,12 @@ def replay(
             summary = run.finish()
             summary.unknown = Counter({id_: n for id_, n in imus.counts.items() if id_ not in indices})
             summary.unreadable = imus.unreadable
-            summary.problems = [*recording.problems, *intake.reasons, *intake.doubts]
+            summary.problems = [
+                *recording.problems,
+                *unaligned_headings(configuration.imus.fusion, configuration.imus.headings),
+                *intake.reasons,
+                *intake.doubts,
+            ]
             if not summary.sweeps:
                 reasons = '; '.join(summary.warnings) or 'the IMUs with samples are disabled'
                 raise Sesa2Error(f'{source}: no sweep in {total} samples: {reasons}')

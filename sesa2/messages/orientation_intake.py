@@ -23,6 +23,16 @@ NO_ORIENTATION = 'the driver says that it gives no orientation (orientation_cova
 NOTHING_TO_FUSE = 'the driver gives no angular velocity or no acceleration, which imus.fusion needs'
 
 
+def unaligned_headings(fusion: str, headings: Sequence[float]) -> list[str]:
+    """What has to be said where headings that mean nothing yet are taken as they are, for people."""
+    if fusion != '6d' or any(headings):
+        return []
+    text = 'take them from the arm held straight (sesa2 align --headings; live, estimator/align_headings)'
+    return [
+        f'imus.fusion: 6d gives each IMU a heading of its own at every start; imus.headings are all 0: {text}'
+    ]
+
+
 class TakenOrientations(NamedTuple):
     """What messages tell.
 

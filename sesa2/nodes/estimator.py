@@ -20,7 +20,7 @@ from sesa2.errors import Sesa2Error
 from sesa2.estimation.arrivals import lag_in_words
 from sesa2.estimation.estimator import Estimate, Estimator
 from sesa2.estimation.sweeps import Sweep
-from sesa2.messages.orientation_intake import OrientationIntake
+from sesa2.messages.orientation_intake import OrientationIntake, unaligned_headings
 from sesa2.messages.results import TYPES, ResultMessages
 from sesa2.messages.robot import describe_robot
 from sesa2.messages.topic_names import CONFIGURATION, imu_data, imu_field, imu_name, of_model
@@ -272,7 +272,8 @@ class EstimatorNode(ConfinedNode):
         else:
             level, text = ERROR, 'no IMU is alive'
         parts.append(('sweeps', level, text, counts))
-        if doubts := self.intake.doubts:
+        imus = self.configuration.imus
+        if doubts := [*unaligned_headings(imus.fusion, imus.headings), *self.intake.doubts]:
             parts.append(('fusion', WARN, '; '.join(doubts), {}))
         for name, n in self._near_singular.items():
             if n:

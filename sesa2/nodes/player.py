@@ -56,7 +56,11 @@ class Player(ConfinedNode):
         self._publishers_of_fields = {
             i: self.create_publisher(MagneticField, imu_field(i), STREAM) for i in self._imus.field_ids
         }
-        self._awaited = [p for i, p in self._publishers_of_imus.items() if i in imus.used_ids]
+        listened_to = [
+            self._publishers_of_imus,
+            *([self._publishers_of_fields] if imus.fusion == '9d' else []),
+        ]
+        self._awaited = [p for publishers in listened_to for i, p in publishers.items() if i in imus.used_ids]
         self._clock_publisher = self.create_publisher(Clock, '/clock', 10) if self._run.clock else None
         self._clock_ns = 0
         self.n_played = self._rounds = 0

@@ -171,7 +171,7 @@ def test_what_was_turned_in_a_short_gap_is_not_lost():
 
 @needs_vqf
 def test_whether_the_field_comes_before_or_after_its_sample_is_the_same():
-    stamps, _, gyr, acc, mag = motion(5.0)
+    stamps, _, gyr, acc, mag = motion(5.0, jitter=0.4)
     _, before = fuse(stamps, gyr, acc, mag)
     fusion, after = HostFusion(magnetometer=True), []
     for k in range(len(stamps)):
