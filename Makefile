@@ -1,4 +1,4 @@
-# make demo: set up and run the main job · make test · make lint · make firmware-test · make bench · make accuracy · make venv: the set-up alone
+# make demo: set up and run the main job, on this machine alone · make test · make lint · make firmware-test · make bench · make accuracy · make venv: the set-up alone
 .DEFAULT_GOAL := help
 SHELL := /bin/bash
 VENV := .venv
@@ -25,7 +25,7 @@ $(VENV)/.ready: setup.py pyproject.toml package.xml $(wildcard msg_defs/* msg_de
 	@touch $@
 
 demo: venv
-	@$(BIN)/sesa2 run --config config/prototype3_8.yaml --source sim --viewer
+	@ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST $(BIN)/sesa2 run --config config/prototype3_8.yaml --source sim --viewer
 
 test: venv
 	@$(BIN)/python -m pytest

@@ -55,7 +55,7 @@ def twin_rows(path):
         truth = Trajectory(trial['t100'], trial['M100'], tuple(MARKERS))
     c = files.load(ROOT / 'config/prototype3_8.yaml')
     as_in_the_paper = replace(c, models=('rigid',)).with_options('rigid', boundaries='endpoint')
-    c = replace(c, models=('rigid', 'pcc', 'pcc_exact', 'spline')).with_options(
+    c = replace(c, models=('rigid', 'pcc', 'pcc_exact', 'spline', 'smooth_rod')).with_options(
         'rigid', boundaries='midpoint'
     )
     began = time.perf_counter()

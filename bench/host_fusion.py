@@ -93,7 +93,7 @@ def fused(path, ids, fusion, n):
     intake = OrientationIntake(fusion, ids)
     out = np.full((n, len(ids), 4), np.nan)
     with open_recording(path) as recording:
-        for block in ImuRecording(recording, intake).blocks():
+        for block in ImuRecording(recording, intake=intake).blocks():
             k = np.searchsorted(ids, block.ids)
             row = np.round((block.stamps_ns - START_NS - 500_000 * k) / 1e9 * RATE).astype(int) - 2
             out[row, k] = block.orientations

@@ -27,13 +27,13 @@ def serve(port, seconds, out):
     from sesa2.system.run import run
 
     arrivals = {}
-    publish = SerialBridge.on_data
+    publish = SerialBridge.on_sweep
 
-    def on_data(self, data, stamps_ns):
+    def on_sweep(self, data, stamps_ns, accelerations):
         arrivals[stamps_ns[-1]] = time.monotonic_ns()
-        publish(self, data, stamps_ns)
+        publish(self, data, stamps_ns, accelerations)
 
-    SerialBridge.on_data = on_data
+    SerialBridge.on_sweep = on_sweep
     used = []
     stop = threading.Event()
 

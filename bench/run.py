@@ -5,6 +5,7 @@ import os
 from itertools import chain
 from pathlib import Path
 
+import arms
 import hour
 import live
 import replay
@@ -56,7 +57,7 @@ def main():
         show(figure, f'{value:.0f} {unit}', target, '')
     for figure, value, limit in firmware.rows():
         show(figure, value, limit, '')
-    for figure, value, unit, limit in chain(live.rows(seconds), viewer.rows(seconds)):
+    for figure, value, unit, limit in chain(live.rows(seconds), arms.rows(seconds), viewer.rows(seconds)):
         show(figure, f'{value:.3g} {unit}', '' if limit is None else f'≤ {limit} {unit}', '')
     print(f'\nProcesses that ran or waited: {before} before, {busy()} after; {os.cpu_count()} processors.')
 

@@ -14,7 +14,7 @@ from sesa2.bags.captured_imus import CapturedImus
 from sesa2.bags.recording import Recording, open_recording
 from sesa2.bags.topics import RecordedTopic
 from sesa2.errors import Sesa2Error
-from sesa2.messages.topic_names import absolute
+from sesa2.messages.topic_names import absolute, is_called
 from sesa2.mocap.capture import MotionCapture, TrackedBody
 from sesa2.time import NS
 
@@ -78,7 +78,7 @@ def _bodies_in(recording: Recording, topic: str | None = None) -> MotionCapture:
     readers = {
         name: reader
         for name, of in recording.topics.items()
-        if (topic is None or name == absolute(topic)) and of.count and (reader := _reader_of(of))
+        if (topic is None or is_called(name, topic)) and of.count and (reader := _reader_of(of))
     }
     if not readers:
         asked = f'expected a topic {absolute(topic)}' if topic else 'expected one'

@@ -8,6 +8,7 @@ from rosbags.typesys.store import Typestore
 
 STRING = 'std_msgs/msg/String'
 POSE_ARRAY = 'geometry_msgs/msg/PoseArray'
+PATH = 'nav_msgs/msg/Path'
 
 # As in msg_defs/msg/ but for its comments. That is a package of its own, which need not be there to read or write bags.
 IMU_CALIBRATION = """\

@@ -139,8 +139,8 @@ def read_estimate(path: str | Path, models: Sequence[str] | None = None) -> Esti
 
 def _configuration(recording: Recording) -> tuple[str, Configuration]:
     """The namespace of the topics, with a slash at its end, and the configuration that was in force."""
-    topics = [n for n, t in recording.topics.items() if n.endswith(f'/{CONFIGURATION}') and t.type == STRING]
-    message = next(recording.messages(topics), None) if topics else None
+    topic = recording.find(CONFIGURATION, STRING)
+    message = next(recording.messages([topic]), None) if topic else None
     if message is None:
         raise Sesa2Error(f'{recording.path}: has no topic configuration, expected a bag that sesa2 wrote')
     text = deserialise(message.data, STRING).data

@@ -1,7 +1,7 @@
 """What sesa2 reads out of recordings: samples of the IMUs, the configuration, and poses."""
 
 from collections import Counter, defaultdict
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from itertools import islice
 from pathlib import Path
 from typing import NamedTuple
@@ -9,14 +9,16 @@ from typing import NamedTuple
 import numpy as np
 
 from sesa2.bags.captured_bodies import add_captured_imus
-from sesa2.bags.definitions import POSE_ARRAY, STRING, deserialise
+from sesa2.bags.definitions import PATH, POSE_ARRAY, STRING, deserialise
 from sesa2.bags.recording import Recording, open_recording
-from sesa2.bags.topics import Message, field_topic, imu_topic
+from sesa2.bags.topics import Message, RecordedTopic, field_topic, imu_topic, named_imu_topic
+from sesa2.configuration import Configuration
 from sesa2.errors import Sesa2Error
 from sesa2.messages import poses
+from sesa2.messages.imu_messages import TYPE as IMU
 from sesa2.messages.imu_messages import read_imus
 from sesa2.messages.orientation_intake import OrientationIntake, TakenOrientations
-from sesa2.messages.topic_names import absolute
+from sesa2.messages.topic_names import CONFIGURATION, absolute, imu_topics
 from sesa2.shape.rotations import FloatArray
 from sesa2.time import NS
 
@@ -97,6 +99,9 @@ class ImuRecording:
     ----------
     recording
         open, and kept open by the caller.
+    configuration
+        says which IMUs there are, and how their topics are called if not `imu_<id>/data`. What is called so is taken
+        by its id also where other names are given and none of them is in the recording.
     intake
         makes orientations of the messages, and keeps count of those that have none; where it is None, measurements of
         IMUs that have none are all zero.
@@ -107,44 +112,86 @@ class ImuRecording:
         of the topics, with a slash at its end.
     counts
         number of messages of each id.
+    unknown, absent
+        ids that are not in the configuration; those that it uses and that have no message.
     unreadable
         number of messages of each id that were no whole sensor_msgs/Imu; complete after reading.
 
     Raises
     ------
     Sesa2Error
-        there is no message of an IMU in it, or there are those of several arms.
+        there is no message of an IMU in it, or there are those of several arms; or most of those that the configuration
+        uses are absent and others are there.
     """
 
-    def __init__(self, recording: Recording, intake: OrientationIntake | None = None):
+    def __init__(
+        self,
+        recording: Recording,
+        configuration: Configuration | None = None,
+        intake: OrientationIntake | None = None,
+    ):
         self._recording = recording
         self._intake = intake
-        if not any(imu_topic(name, topic.type) for name, topic in recording.topics.items()):
+        given = imu_topics(configuration) if configuration and configuration.imus.topics else {}
+        found = _imus_by_namespace(recording.topics, given)
+        if not found:
             add_captured_imus(recording)
-        by_namespace: dict[str, dict[str, int]] = defaultdict(dict)
-        for name, topic in recording.topics.items():
-            imu = imu_topic(name, topic.type)
-            if imu and topic.count:
-                by_namespace[imu.namespace][name] = imu.id
-        if not by_namespace:
+            found = _imus_by_namespace(recording.topics, {})
+        heard = {
+            namespace: {name: id_ for name, id_ in ids.items() if recording.topics[name].count}
+            for namespace, ids in found.items()
+        }
+        anywhere = heard.pop('', {})
+        by_namespace = {namespace: ids for namespace, ids in heard.items() if ids}
+        if not (anywhere or by_namespace):
             there = ', '.join(f'{name} ({t.type}, {t.count})' for name, t in recording.topics.items())
+            expected = ', '.join(given.values()) or 'imu_<id>/data'
             raise Sesa2Error(
-                f'{recording.path}: no message of an IMU, expected topics imu_<id>/data of sensor_msgs/msg/Imu; '
-                f'its topics: {there or "none"}'
+                f'{recording.path}: no message of an IMU, expected topics {expected} of {IMU}; '
+                f'its topics: {there or "none"}; imus.topics says which is whose where they are called otherwise'
             )
         if len(by_namespace) > 1:
             names = ' and '.join(sorted(by_namespace))
             raise Sesa2Error(
                 f'{recording.path}: IMU topics in the namespaces {names}, expected those of one arm'
             )
-        ((self.namespace, self._ids),) = by_namespace.items()
+        self.namespace, relative = next(iter(by_namespace.items()), (_namespace(recording), {}))
+        self._ids = {**anywhere, **relative}
         self.counts = {id_: recording.topics[name].count for name, id_ in self._ids.items()}
         self._fields = {
-            name: found.id
+            name: field.id
             for name, topic in recording.topics.items()
-            if (found := field_topic(name, topic.type)) and found.namespace == self.namespace
+            if (field := field_topic(name, topic.type)) and field.namespace == self.namespace
         }
         self.unreadable: Counter[int] = Counter()
+        self.unknown: list[int] = []
+        self.absent: list[int] = []
+        if configuration:
+            self._compare(configuration)
+
+    def _compare(self, c: Configuration) -> None:
+        """Whether those are there that the configuration uses."""
+        self.unknown = sorted(set(self.counts) - set(c.imus.all_ids))
+        self.absent = [id_ for id_ in c.imus.used_ids if id_ not in self.counts]
+        heard = len(c.imus.used_ids) - len(self.absent)
+        if heard == 0 and not self.unknown:
+            raise Sesa2Error(f'{self._recording.path}: the IMUs with samples are disabled')
+        if self.unknown and len(self.absent) > heard:
+            what = 'configured IMUs' if heard == 0 else 'IMUs'
+            raise Sesa2Error(
+                f'{self._recording.path}: no message of the {what} {_listed(self.absent)}; it has topics of '
+                f'{_listed(self.counts)}: say in imus.ids or imus.topics which is whose, or which were not there, in '
+                'imus.enabled'
+            )
+
+    @property
+    def warnings(self) -> list[str]:
+        """What is there too much and too little, for people; complete after reading."""
+        return [
+            *(f'IMU {id_}: {self.counts[id_]} messages not used: not in imus.ids' for id_ in self.unknown),
+            *(f'IMU {id_}: no message' for id_ in self.absent),
+            *(f'IMU {id_}: {n} messages not used: damaged' for id_, n in self.unreadable.items()),
+        ]
 
     def blocks(self) -> Iterator[ImuBlock]:
         """All measurements, in the recording's order."""
@@ -206,17 +253,42 @@ class ImuRecording:
         return deserialise(message.data, STRING).data if message else None
 
 
+def _imus_by_namespace(
+    topics: Mapping[str, RecordedTopic], given: Mapping[int, str]
+) -> dict[str, dict[str, int]]:
+    """Ids of the IMUs by topic, for each namespace; '' is that of topics whose names were given absolute."""
+    imus = [name for name, topic in topics.items() if topic.type == IMU]
+    found: dict[str, dict[str, int]] = defaultdict(dict)
+    for find in (lambda name: named_imu_topic(name, given), imu_topic):
+        for name in imus:
+            if imu := find(name):
+                found[imu.namespace][name] = imu.id
+        if found:
+            break
+    return found
+
+
+def _namespace(recording: Recording) -> str:
+    """That of a recording whose IMUs are called by absolute names."""
+    names = [n for n, t in recording.topics.items() if n.endswith('/configuration') and t.type == STRING]
+    return names[0].removesuffix('configuration') if len(names) == 1 else '/'
+
+
+def _listed(ids: Iterable[int]) -> str:
+    return ', '.join(map(str, sorted(ids)))
+
+
 def read_configuration(path: str | Path) -> str | None:
     """The configuration in a bag, as YAML; None where it holds none. Its first message, in a bag of ours.
 
     Raises
     ------
     Sesa2Error
-        the bag is not readable.
+        the bag is not readable, or has the configurations of several arms.
     """
     with open_recording(path) as recording:
-        topics = [n for n, t in recording.topics.items() if n.endswith('/configuration') and t.type == STRING]
-        message = next(recording.messages(topics), None) if topics else None
+        name = recording.find(CONFIGURATION, STRING)
+        message = next(recording.messages([name]), None) if name else None
     return deserialise(message.data, STRING).data if message else None
 
 
@@ -246,17 +318,18 @@ def read_poses(path: str | Path, topic: str) -> Poses:
     path
         of the recording.
     topic
-        its name; the slash in front may be left out.
+        its name, as `Recording.find` takes it.
 
     Raises
     ------
     Sesa2Error
-        the recording is not readable, has no such topic, or its messages have different numbers of poses.
+        the recording is not readable, has no such topic or several, or its messages have different numbers of poses.
     """
-    name = absolute(topic)
     with open_recording(path) as recording:
-        there = recording.topics.get(name)
-        if there is None or there.type != POSE_ARRAY:
+        found = recording.find(topic, POSE_ARRAY)
+        name = found or absolute(topic)
+        if not found:
+            there = recording.topics.get(name)
             got = f'it is of {there.type}' if there else 'there is none'
             arrays = ', '.join(n for n, t in recording.topics.items() if t.type == POSE_ARRAY)
             raise Sesa2Error(
@@ -292,7 +365,7 @@ def read_backbone(path: str | Path, topic: str, index: int) -> FloatArray:
     path
         of the recording.
     topic
-        its name; the slash in front may be left out.
+        its name, as `Recording.find` takes it.
     index
         of the message, from 0.
 
@@ -305,10 +378,9 @@ def read_backbone(path: str | Path, topic: str, index: int) -> FloatArray:
     Sesa2Error
         the recording is not readable, or has no such message.
     """
-    name = absolute(topic)
     with open_recording(path) as recording:
-        messages = recording.messages([name]) if name in recording.topics else iter(())
-        message = next(islice(messages, index, None), None)
+        name = recording.find(topic, PATH)
+        message = next(islice(recording.messages([name]), index, None), None) if name else None
     if message is None:
-        raise Sesa2Error(f'{path}: no message {index} on {name}')
+        raise Sesa2Error(f'{path}: no message {index} on {name or absolute(topic)}')
     return poses.read_path(message.data).poses[:, :3]

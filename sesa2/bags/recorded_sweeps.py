@@ -65,12 +65,14 @@ def read_sweeps(
     intake = OrientationIntake(configuration.imus.fusion, configuration.imus.used_ids)
     sweeps = []
     with open_recording(source, first_id) as recording:
-        for sample in ImuRecording(recording, intake).samples():
+        imus = ImuRecording(recording, configuration, intake)
+        for sample in imus.samples():
             if (index := indices.get(sample.id)) is not None:
                 sweeps += assembler.add(index, *sample[1:6], sample.log_ns)
         sweeps += assembler.flush()
         problems = [
             *recording.problems,
+            *imus.warnings,
             *intake.reasons,
             *intake.doubts,
             *(f'{n} samples not used: {why}' for why, n in assembler.dropped.items()),

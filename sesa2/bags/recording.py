@@ -16,7 +16,7 @@ from sesa2.bags.sensor_logs import listed_files, open_inertial_columns, open_sen
 from sesa2.bags.topics import Message, Part, RecordedTopic, is_latched
 from sesa2.bags.unfinished import UnfinishedMcap
 from sesa2.errors import Sesa2Error
-from sesa2.messages.topic_names import absolute
+from sesa2.messages.topic_names import absolute, is_called
 from sesa2.mocap.formats import read_motion_capture
 from sesa2.regular_files import why_no_regular_file
 
@@ -66,6 +66,29 @@ class Recording:
         wanted = set(self.topics if topics is None else topics)
         for part in self._parts:
             yield from part.messages(wanted)
+
+    def find(self, name: str, type_name: str) -> str | None:
+        """Absolute name of a topic of this type; None where there is none.
+
+        Parameters
+        ----------
+        name
+            absolute, or relative: then it is found in whichever namespace it is.
+        type_name
+            such as `geometry_msgs/msg/PoseArray`.
+
+        Raises
+        ------
+        Sesa2Error
+            there are several of this name.
+        """
+        of_type = [n for n, topic in self.topics.items() if topic.type == type_name]
+        found = [n for n in of_type if is_called(n, name)]
+        if len(found) > 1:
+            raise Sesa2Error(
+                f'{self.path}: {" and ".join(sorted(found))} are in it, expected the topics of one arm'
+            )
+        return found[0] if found else None
 
     def close(self) -> None:
         """Close its files."""

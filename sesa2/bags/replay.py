@@ -1,7 +1,7 @@
 """The estimator over a whole recording, as fast as the machine can, with the results of a live run."""
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -20,7 +20,7 @@ from sesa2.estimation.time_steps import AHEAD_NS
 from sesa2.messages.imu_messages import TYPE as IMU_TYPE
 from sesa2.messages.orientation_intake import OrientationIntake, unaligned_headings
 from sesa2.messages.results import ResultMessages
-from sesa2.messages.topic_names import CONFIGURATION, imu_data
+from sesa2.messages.topic_names import CONFIGURATION, imu_topics
 from sesa2.time import NS
 
 # Samples that are kept back for results that are to come before them.
@@ -55,12 +55,14 @@ class Summary:
         the IMU on the base, if results are missing for lack of it; else 0.
     near_singular
         number of results with a joint beyond 80° about z, by model.
+    fallen_back
+        number of results that the model could not solve and gave the shape of another, by model.
     messages
         number of messages written, by topic.
     duration
         of the recording as the samples' stamps tell it, s, summed over what lies between jumps back.
     problems
-        of the recording, for people.
+        of the recording and of its IMUs, for people.
     """
 
     samples: Counter[int] = field(default_factory=Counter)
@@ -73,6 +75,7 @@ class Summary:
     lags: dict[int, float] = field(default_factory=dict)
     silent_base: int = 0
     near_singular: Counter[str] = field(default_factory=Counter)
+    fallen_back: Counter[str] = field(default_factory=Counter)
     messages: Counter[str] = field(default_factory=Counter)
     duration: float = 0.0
     problems: list[str] = field(default_factory=list)
@@ -81,8 +84,6 @@ class Summary:
     def warnings(self) -> list[str]:
         """All that was not as it should be, for people."""
         lines = list(self.problems)
-        lines += [f'IMU {id_}: {n} messages not used: not in imus.ids' for id_, n in self.unknown.items()]
-        lines += [f'IMU {id_}: {n} messages not used: damaged' for id_, n in self.unreadable.items()]
         lines += [f'{n} samples not used: {reason}' for reason, n in self.dropped.items()]
         lines += [f'IMU {id_}: {lag_in_words(lag)}' for id_, lag in self.lags.items()]
         if self.silent_base:
@@ -94,6 +95,11 @@ class Summary:
         lines += [
             f'{model}: {n} of {self.sweeps} results have a joint beyond 80° about z'
             for model, n in self.near_singular.items()
+            if n
+        ]
+        lines += [
+            f'{model}: {n} of {self.sweeps} results could not be solved and are arcs'
+            for model, n in self.fallen_back.items()
             if n
         ]
         return lines
@@ -139,13 +145,7 @@ def replay(
     with open_recording(source, first_id) as recording:
         source = recording.path
         intake = OrientationIntake(configuration.imus.fusion, configuration.imus.used_ids)
-        imus = ImuRecording(recording, intake)
-        indices = configuration.imus.indices
-        if not any(n for id_, n in imus.counts.items() if id_ in indices):
-            raise Sesa2Error(
-                f'{source}: no message of the configured IMUs {_listed(indices)}; '
-                f'it has topics of {_listed(imus.counts)}'
-            )
+        imus = ImuRecording(recording, configuration, intake)
         total = sum(imus.counts.values())
         with new_bag(out) as bag:
             run = _Replay(configuration, imus, bag)
@@ -156,24 +156,21 @@ def replay(
                 if progress and done < total:
                     progress(done, total)
             summary = run.finish()
-            summary.unknown = Counter({id_: n for id_, n in imus.counts.items() if id_ not in indices})
+            summary.unknown = Counter({id_: imus.counts[id_] for id_ in imus.unknown})
             summary.unreadable = imus.unreadable
             summary.problems = [
                 *recording.problems,
+                *imus.warnings,
                 *unaligned_headings(configuration.imus.fusion, configuration.imus.headings),
                 *intake.reasons,
                 *intake.doubts,
             ]
             if not summary.sweeps:
-                reasons = '; '.join(summary.warnings) or 'the IMUs with samples are disabled'
+                reasons = '; '.join(summary.warnings)
                 raise Sesa2Error(f'{source}: no sweep in {total} samples: {reasons}')
         if progress:
             progress(total, total)
     return summary
-
-
-def _listed(ids: Iterable[int]) -> str:
-    return ', '.join(map(str, sorted(ids)))
 
 
 class _Replay:
@@ -199,7 +196,8 @@ class _Replay:
         recorded = (
             sorted(set(imus.counts) & set(configuration.imus.indices)) if configuration.record.imu else []
         )
-        self._imus = {id_: self._topic(imu_data(id_), IMU_TYPE) for id_ in recorded}
+        topics = imu_topics(configuration)
+        self._imus = {id_: self._topic(topics[id_], IMU_TYPE) for id_ in recorded}
         self._results = {
             topic: self._topic(*topic)
             for topic in self._messages.topics
@@ -214,8 +212,9 @@ class _Replay:
         self.summary = Summary()
 
     def _topic(self, name: str, type_name: str, *, latched: bool = False) -> int:
-        number = self._bag.add_topic(f'{self._namespace}{name}', type_name, latched=latched)
-        self._names[number] = f'{self._namespace}{name}'
+        full = name if name.startswith('/') else f'{self._namespace}{name}'
+        number = self._bag.add_topic(full, type_name, latched=latched)
+        self._names[number] = full
         return number
 
     def add(self, block: ImuBlock) -> None:
@@ -319,6 +318,7 @@ class _Replay:
         measured = np.array([sweep.measured for sweep in self._sweeps])
         self.summary.partial += int((~measured[:, self._enabled].all(axis=1)).sum())
         self.summary.near_singular.update({m: r.near_singular for m, r in estimate.models.items()})
+        self.summary.fallen_back.update({m: r.fallen_back for m, r in estimate.models.items()})
         self._sweeps = []
         self._first_ns = stamps[0] if self._first_ns is None else self._first_ns
         self._last_ns = stamps[-1]

@@ -1,14 +1,14 @@
 """What a recording holds, and how topics of IMUs are called."""
 
 import re
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import NamedTuple, Protocol
 
 from rosbags.interfaces import Qos, QosDurability
 
 from sesa2.messages.field_messages import FIELD_TYPE
-from sesa2.messages.imu_messages import TYPE as IMU_TYPE
+from sesa2.messages.topic_names import is_called
 
 
 class Message(NamedTuple):
@@ -52,16 +52,24 @@ class Part(Protocol):
 
 
 class ImuTopic(NamedTuple):
-    """Where an IMU publishes; the namespace ends with a slash."""
+    """Where an IMU publishes; the namespace ends with a slash, and is empty where the name was given absolute."""
 
     namespace: str
     id: int
 
 
-def imu_topic(name: str, type_name: str) -> ImuTopic | None:
-    """Namespace and id of an IMU's topic, `…/imu_<id>/data`; None for any other topic."""
+def imu_topic(name: str) -> ImuTopic | None:
+    """Namespace and id of an IMU's topic that is called `…/imu_<id>/data`; None for any other name."""
     match = re.fullmatch(r'(/(?:.*/)?)imu_(\d+)/data', name)
-    return ImuTopic(match[1], int(match[2])) if match and type_name == IMU_TYPE else None
+    return ImuTopic(match[1], int(match[2])) if match else None
+
+
+def named_imu_topic(name: str, given: Mapping[int, str]) -> ImuTopic | None:
+    """The same where the names of topics are given by id; relative ones are looked for in any namespace."""
+    for id_, wanted in given.items():
+        if is_called(name, wanted):
+            return ImuTopic(name.removesuffix(wanted), id_)
+    return None
 
 
 def field_topic(name: str, type_name: str) -> ImuTopic | None:

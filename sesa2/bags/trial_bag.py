@@ -10,7 +10,7 @@ from sesa2.configuration import Configuration, files
 from sesa2.messages.cdr import CdrLayout
 from sesa2.messages.imu_messages import TYPE as IMU
 from sesa2.messages.imu_messages import ImuMessages
-from sesa2.messages.topic_names import CONFIGURATION, TRUTH_MARKERS, absolute, imu_data, imu_name
+from sesa2.messages.topic_names import CONFIGURATION, TRUTH_MARKERS, absolute, imu_frame, imu_topics
 from sesa2.time import NS
 from sesa2.twin.trial import Trial
 
@@ -39,9 +39,11 @@ def write_trial(trial: Trial, configuration: Configuration, out: str | Path) -> 
     with new_bag(out) as bag:
         text = CdrLayout().string(files.dump(configuration)).template()
         messages = []
+        topics = imu_topics(configuration)
         for k, imu in enumerate(trial.sensor_ids.tolist()):
-            topic = bag.add_topic(absolute(imu_data(imu)), IMU)
-            rows = ImuMessages(imu_name(imu)).make_many(_stamps(trial.stamps[:, k]), trial.measured[:, k])
+            topic = bag.add_topic(absolute(topics[imu]), IMU)
+            maker = ImuMessages(imu_frame(configuration, imu))
+            rows = maker.make_many(_stamps(trial.stamps[:, k]), trial.measured[:, k])
             messages += [
                 (stamp, topic, row) for stamp, row in zip(_stamps(trial.stamps[:, k]), rows, strict=True)
             ]
@@ -49,7 +51,7 @@ def write_trial(trial: Trial, configuration: Configuration, out: str | Path) -> 
         poses[..., :3] = trial.markers
         poses[..., 6] = 1.0
         n = poses.shape[1]
-        truth = CdrLayout().header('world').uint32(n).doubles(7 * n).template()
+        truth = CdrLayout().header(configuration.frame('world')).uint32(n).doubles(7 * n).template()
         topic = bag.add_topic(absolute(TRUTH_MARKERS), POSE_ARRAY)
         stamps = _stamps(trial.truth_times)
         messages += [

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from typing import TypeVar
 
 from sesa2.configuration import Configuration, files
+from sesa2.configuration.ros_names import is_topic_name
 
 _Number = TypeVar('_Number', int, float)
 
@@ -69,6 +70,14 @@ def _number(
     if value is None or not fits(value):
         raise argparse.ArgumentTypeError(f'got {text}, expected {expected}')
     return value
+
+
+def namespace(text: str) -> str:
+    """A namespace of the ROS graph, as an argument's type; absolute in any case."""
+    if text != '/' and not is_topic_name(text):
+        expected = 'letters, digits and _ between single slashes, as left or lab/left'
+        raise argparse.ArgumentTypeError(f'got {text}, expected a namespace: {expected}')
+    return '/' + text.lstrip('/')
 
 
 def names(text: str) -> tuple[str, ...]:

@@ -2,9 +2,19 @@
 
 import argparse
 from dataclasses import replace
+from pathlib import Path
 
-from sesa2.commands.arguments import add_config, load_config, names, not_negative, port_number, positive
+from sesa2.commands.arguments import (
+    add_config,
+    load_config,
+    names,
+    namespace,
+    not_negative,
+    port_number,
+    positive,
+)
 from sesa2.configuration import Configuration, files
+from sesa2.errors import Sesa2Error
 from sesa2.ros.signals import stop_on_signals
 
 
@@ -41,16 +51,39 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar='PORT',
         help='show a page with the arm and a control panel (on port 8080; 0: any that is free)',
     )
+    parser.add_argument(
+        '--files',
+        type=Path,
+        metavar='DIR',
+        help='with --viewer: files may be chosen on the page under this folder (default: the present one)',
+    )
+    parser.add_argument(
+        '--namespace',
+        type=namespace,
+        default='/',
+        metavar='NS',
+        help='of all nodes and topics, one for each arm',
+    )
     parser.add_argument('--duration', type=positive, metavar='S', help='end after this time, s')
 
 
 def run(options: argparse.Namespace) -> int:
     """Run until Ctrl-C, SIGTERM, the end of the bag or the given time."""
     c = _override(load_config(options), options)
+    if options.files and not options.files.is_dir():
+        raise Sesa2Error(f'--files {options.files}: no such folder')
     with stop_on_signals() as stop:
         from sesa2.system.run import run as run_system
 
-        run_system(c, stop, options.duration, viewer_port=options.viewer)
+        run_system(
+            c,
+            stop,
+            options.duration,
+            viewer_port=options.viewer,
+            namespace=options.namespace,
+            origin=files.origin(options.config),
+            folder=options.files,
+        )
     return 0
 
 

@@ -9,7 +9,8 @@ from sesa2.commands.arguments import names, not_negative, positive
 from sesa2.configuration import files
 from sesa2.errors import Sesa2Error
 from sesa2.messages.poses import read_path, read_pose_array
-from sesa2.messages.topic_names import absolute, of_model
+from sesa2.messages.results import TYPES
+from sesa2.messages.topic_names import of_model
 from sesa2.time import NS
 
 
@@ -58,10 +59,12 @@ def _read(
 
     found: dict[str, dict[int, np.ndarray]] = {}
     with open_recording(bag) as recording:
-        wanted = {absolute(of_model(m, kind)) for m in models for kind in ('shape', 'markers')}
-        missing = sorted(wanted - set(recording.topics))
+        names = {(m, kind): of_model(m, kind) for m in models for kind in ('shape', 'markers')}
+        topics = {key: recording.find(name, TYPES[key[1]]) or '' for key, name in names.items()}
+        missing = sorted(names[key] for key, topic in topics.items() if not topic)
         if missing:
             raise Sesa2Error(f'{bag}: no topic {missing[0]}; `sesa2 replay` computes the shape')
+        wanted = set(topics.values())
         first = None
         for message in recording.messages(wanted):
             poses = (read_path if message.topic.endswith('/shape') else read_pose_array)(message.data)
@@ -78,6 +81,6 @@ def _read(
     times = (np.array(stamps) - stamps[0]) / NS
     return (
         times,
-        {m: arrays[absolute(of_model(m, 'shape'))] for m in models},
-        {m: arrays[absolute(of_model(m, 'markers'))] for m in models},
+        {m: arrays[topics[m, 'shape']] for m in models},
+        {m: arrays[topics[m, 'markers']] for m in models},
     )

@@ -6,6 +6,8 @@ import numpy as np
 
 from sesa2.configuration.records import Configuration
 from sesa2.sensing.imu.addresses import CHANNELS, address_of
+from sesa2.shape.layout import Layout
+from sesa2.shape.suitability import suitability
 
 
 def describe(c: Configuration) -> str:
@@ -17,7 +19,9 @@ def describe(c: Configuration) -> str:
         a valid configuration.
     """
     frame = (
-        'the clamp (base_link)' if c.frame_id == 'base_link' else 'world axes, origin at the clamp (world)'
+        f'the clamp ({c.frame_id})'
+        if c.arm.output_frame == 'base'
+        else f'world axes, origin at the clamp ({c.frame_id})'
     )
     on_base = f'measured by IMU {c.imus.base_id}' if c.imus.base_id else _quaternion(c.base)
     hangs, places = _places(c)
@@ -25,6 +29,7 @@ def describe(c: Configuration) -> str:
         f'Arm        {c.arm.length:.3f} m long, {2e3 * c.arm.radius:.1f} mm thick; base orientation q_WB {on_base}',
         f'Results    in {frame}; {_timing(c)}',
         f'Source     {c.run.source}, mode {c.run.mode}',
+        f'Suits      {_suits(c)}',
         '',
         'IMUs, base to tip',
         *table(
@@ -78,6 +83,22 @@ def _model(c: Configuration, name: str) -> tuple[object, ...]:
         f'{lengths.min():.1f}',
         f'{lengths.max():.1f}',
         f'{name}/joint_states, markers, tip, shape',
+    )
+
+
+def _suits(c: Configuration) -> str:
+    """Which model suits the IMUs that are used, and what they cannot tell."""
+    used = tuple(s for s, on in zip(c.imus.positions, c.imus.enabled, strict=True) if on)
+    suits = suitability(Layout(c.layout.arm, used))
+    gap = (
+        f'up to {suits.widest:.3f} m without an IMU ({100.0 * suits.widest / c.arm.length:.0f} % of the arm)'
+    )
+    if suits.too_few:
+        return f'{suits.model}, but IMUs are too few: {gap}; an arm that bends two ways there is far off in any model'
+    absent = '' if suits.model in c.models else ' (not in models)'
+    return (
+        f'{suits.model}{absent} where the arm bends as a whole, pcc_exact where sections are driven apart: {gap};'
+        f' more than {suits.bends} bends at once cannot be told'
     )
 
 

@@ -10,7 +10,8 @@ import yaml
 
 from sesa2.configuration.records import Configuration
 from sesa2.configuration.validation import ConfigurationError, Mistake, validate
-from sesa2.errors import shortened
+from sesa2.errors import Sesa2Error, shortened
+from sesa2.partial_files import partial_path, sweep_partials
 from sesa2.yaml_reading import YamlError, read_yaml, read_yaml_file
 
 
@@ -35,15 +36,32 @@ def find(name: str) -> Path:
         there, why = False, getattr(error, 'strerror', None) or str(error)
     if there and not path.is_dir():
         return path  # whatever it is: `load` says what is wrong with it
-    shipped = {p.stem: p for folder in _shipped_folders() for p in sorted(folder.glob('*.yaml'))}
-    if name in shipped:
-        return shipped[name]
+    named = shipped()
+    if name in named:
+        return named[name]
     if there:
         raise ConfigurationError([Mistake('', 'is a folder, expected a file')], name)
-    known = ', '.join(shipped) or 'none'
+    known = ', '.join(named) or 'none'
     what = 'no such file' if why == os.strerror(errno.ENOENT) else f'cannot be read: {why}'
     mistake = Mistake('', f'{what}, nor a shipped configuration (there are: {known})')
     raise ConfigurationError([mistake], shortened(name))
+
+
+def shipped() -> dict[str, Path]:
+    """The shipped configurations by name."""
+    return {p.stem: p for folder in _shipped_folders() for p in sorted(folder.glob('*.yaml'))}
+
+
+def origin(name: str) -> Path:
+    """The file beside which what becomes of a configuration is saved: of a shipped one, as if it were in this folder.
+
+    Parameters
+    ----------
+    name
+        as `find` takes it.
+    """
+    path = find(name)
+    return path.resolve() if path == Path(name) else Path.cwd() / path.name
 
 
 def _shipped_folders() -> list[Path]:
@@ -151,6 +169,35 @@ def dump(configuration: Configuration) -> str:
     return yaml.dump(
         {'/**': {'ros__parameters': values}}, Dumper=_Dumper, sort_keys=False, width=120, allow_unicode=True
     )
+
+
+def save(path: Path, text: str, instead_of: str = '') -> None:
+    """Write a new file, whole or not at all.
+
+    Parameters
+    ----------
+    path
+        of the file; what is there is never lost.
+    text
+        what `dump` gives.
+    instead_of
+        a file that holds just this may be replaced.
+
+    Raises
+    ------
+    Sesa2Error
+        there is another file, or it cannot be written.
+    """
+    beside = partial_path(path)
+    sweep_partials(path)
+    try:
+        if path.exists() and path.read_text('utf-8') != instead_of:
+            raise Sesa2Error(f'{path} is there already and was not saved by this node; move it away first')
+        beside.write_text(text, encoding='utf-8')
+        beside.replace(path)
+    except (OSError, UnicodeDecodeError) as error:
+        beside.unlink(missing_ok=True)
+        raise Sesa2Error(f'{path}: cannot be written: {getattr(error, "strerror", None) or error}') from None
 
 
 def _plain(value: Any) -> Any:

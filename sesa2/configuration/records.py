@@ -44,6 +44,9 @@ class ArmSection:
         (0.0, 0.0, 0.0, 1.0), 'q_WB, x y z w: orientation of the clamp, its z axis along the straight arm'
     )
     output_frame: str = parameter('base', 'frame of the results', choices=('base', 'world'))
+    frame_prefix: str = parameter(
+        '', 'in front of the names of all frames, so that several arms share one tree of them'
+    )
 
 
 @dataclass(frozen=True)
@@ -54,6 +57,9 @@ class Imus:
         REQUIRED,
         'id of each IMU, base to tip; on a board: multiplexer channel + 1, and 8 more for each further port',
         low=1,
+    )
+    topics: tuple[str, ...] = parameter(
+        (), 'topic of each IMU instead of imu_<id>/data, that of the one on the base last'
     )
     positions: Floats = parameter(REQUIRED, 'arc length of each IMU from the clamp, m', above=0.0)
     enabled: tuple[bool, ...] = parameter(REQUIRED, 'whether each IMU is used')
@@ -192,7 +198,11 @@ class Configuration:
     @property
     def frame_id(self) -> str:
         """Frame in which results are published."""
-        return 'base_link' if self.arm.output_frame == 'base' else 'world'
+        return self.frame('base_link' if self.arm.output_frame == 'base' else 'world')
+
+    def frame(self, name: str) -> str:
+        """The full name of one of this arm's frames."""
+        return self.arm.frame_prefix + name
 
     def with_alignment(self, mountings: FloatArray, headings: FloatArray) -> 'Configuration':
         """The same with other mountings q_LS, (n_imu, 4), and headings, (n_imu,), rad."""

@@ -7,6 +7,7 @@ from difflib import get_close_matches
 from typing import Any, NamedTuple, get_args, get_origin
 
 from sesa2.configuration.records import Configuration, leaves, sections
+from sesa2.configuration.ros_names import is_frame_prefix, is_topic_name
 from sesa2.errors import Sesa2Error, shortened, shown
 from sesa2.sensing.imu.addresses import CHANNELS, ids_by_board, imu_id_at
 from sesa2.shape.arm import GeometryError
@@ -246,6 +247,7 @@ def _check(c: Configuration) -> list[Mistake]:
         )
     for i, name in _repeated(c.models):
         expect(False, f'models[{i}]', f'got {shown(name)} a second time')
+    _check_names(c, expect)
     _check_boards(c, expect)
     if c.run.source == 'bag':
         expect(c.run.bag != '', 'run.bag', "is empty, and the source is 'bag'")
@@ -263,6 +265,26 @@ def _check(c: Configuration) -> list[Mistake]:
             except GeometryError as error:
                 mistakes.append(Mistake(name, str(error)))
     return mistakes
+
+
+def _check_names(c: Configuration, expect: Callable[[bool, str, str], bool]) -> None:
+    """Names that others on the graph see."""
+    topics, n = c.imus.topics, len(c.imus.all_ids)
+    also = ', and one for imus.base_id' if c.imus.base_id else ''
+    expect(len(topics) in (0, n), 'imus.topics', f'has {len(topics)} entries, expected {n}: one per id{also}')
+    for i, name in enumerate(topics):
+        right = 'letters, digits and _ between single slashes, as /left/imu_3/data'
+        expect(
+            is_topic_name(name), f'imus.topics[{i}]', f'got {name!r}, expected the name of a topic: {right}'
+        )
+    for i, name in _repeated(topics):
+        expect(False, f'imus.topics[{i}]', f'got {name!r} a second time')
+    prefix = c.arm.frame_prefix
+    expect(
+        is_frame_prefix(prefix),
+        'arm.frame_prefix',
+        f'got {prefix!r}, expected nothing, or letters, digits, _ and /, first a letter, as left_',
+    )
 
 
 def _check_boards(c: Configuration, expect: Callable[[bool, str, str], bool]) -> None:

@@ -31,6 +31,8 @@ class ModelResult(NamedTuple):
         the markers, m, x y z w.
     near_singular
         number of sweeps with a joint beyond 80° about z.
+    fallen_back
+        number of sweeps that the model could not solve and gave the shape of another.
     """
 
     joints: FloatArray
@@ -39,6 +41,7 @@ class ModelResult(NamedTuple):
     markers: FloatArray
     marker_orientations: FloatArray
     near_singular: int
+    fallen_back: int
 
 
 class Estimate(NamedTuple):
@@ -166,7 +169,7 @@ class Estimator:
             backbone = configured.model.fit(measured)
             positions = backbone.positions(configured.positions_at)
             there = backbone.orientations(configured.orientations_at)
-            asked.append((positions, there))
+            asked.append((positions, there, backbone.fallen_back))
             links.append(there[:, : configured.model.n_links])
         # All models' joints in one call: for a single sweep the number of numpy's calls is what costs.
         joints = joint_angles(np.concatenate(links, axis=1), base, [one.links.start for one in models])
@@ -181,6 +184,7 @@ class Estimator:
         configured: _Configured,
         positions: FloatArray,
         orientations: FloatArray,
+        fallen_back: int,
         base: FloatArray,
         joints: JointAngles,
         may_jump: bool,
@@ -203,6 +207,7 @@ class Estimator:
             markers=positions[:, n:],
             marker_orientations=there[:, n:],
             near_singular=near_singular,
+            fallen_back=fallen_back,
         )
 
     @staticmethod

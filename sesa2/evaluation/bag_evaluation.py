@@ -130,8 +130,10 @@ def _in_one_frame(
     c = estimate.configuration
     if not frame or not estimate.frame or frame == estimate.frame:
         return truth, ()
-    if {frame, estimate.frame} == {'world', 'base_link'} and not c.imus.base_id:
-        q = c.base if frame == 'base_link' else conjugate(c.base)  # both have their origin at the clamp
+    if {frame, estimate.frame} == {c.frame('world'), c.frame('base_link')} and not c.imus.base_id:
+        q = (
+            c.base if frame == c.frame('base_link') else conjugate(c.base)
+        )  # both have their origin at the clamp
         if abs(q[3]) == 1.0:
             return truth, ()
         done = "the truth was turned by arm.base_orientation of the estimate's configuration"

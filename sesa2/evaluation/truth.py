@@ -9,7 +9,7 @@ import numpy as np
 from sesa2.bags.captured_bodies import read_bodies
 from sesa2.errors import Sesa2Error
 from sesa2.evaluation.trajectory import EvaluationError, Trajectory
-from sesa2.messages.topic_names import TRUTH_MARKERS, absolute
+from sesa2.messages.topic_names import TRUTH_MARKERS, is_called
 from sesa2.mocap.body_names import find_bodies, listed
 from sesa2.mocap.capture import MotionCapture, TrackedBody
 from sesa2.mocap.formats import read_motion_capture
@@ -72,8 +72,7 @@ def read_truth(
     path = Path(path)
     if path.is_dir() or path.suffix.lower() in _BAGS:
         capture = read_bodies(path, topic)
-        asked = absolute(topic) if topic else ''
-        found, notes = _of_bag(capture, names, given or {}, path.name, asked)
+        found, notes = _of_bag(capture, names, given or {}, path.name, topic or '')
     else:
         capture = read_motion_capture(path, rate)
         found, notes = find_bodies(capture.bodies, names, given, path.name), []
@@ -103,17 +102,22 @@ def _of_bag(
     for body in capture.bodies:
         if body.endswith(']'):
             arrays.setdefault(body.rpartition('[')[0], []).append(body)
-    ours = absolute(TRUTH_MARKERS)
-    array = ours if ours in arrays else next(iter(arrays), '') if len(arrays) == 1 else ''
+    called_so = [name for name in arrays if is_called(name, TRUTH_MARKERS)]
+    if len(called_so) > 1 and not given:
+        raise EvaluationError(
+            f'{file}: {" and ".join(called_so)} are in it, expected the truth of one arm: --truth-topic says which'
+        )
+    ours = next(iter(called_so), '')
+    array = ours or next(iter(arrays), '') if len(arrays) == 1 else ''
     try:
-        if array != ours or given:
+        if not ours or given:
             return find_bodies(capture.bodies, names, given, file), []
     except Sesa2Error:
         if given or not array:
             raise
     poses = arrays[array]
     if len(poses) == len(names):
-        guessed = array != ours and array != asked
+        guessed = array != ours and not (asked and is_called(array, asked))
         note = f'{file}: the poses of {array} were taken for {", ".join(names)}, in this order'
         return dict(zip(names, poses, strict=True)), [note] if guessed else []
     still = [body for body in poses if np.ptp(_positions(capture.bodies[body]), axis=0).max() < _STILL]

@@ -21,5 +21,11 @@ def describe_robot(c: Configuration, name: str) -> str:
     markers = zip(c.markers.names, c.markers.positions, strict=True)
     base = None if c.imus.base_id else c.base
     return robot_description(
-        name, link_names(name, model.n_links), model.link_ends, c.arm.radius, base, markers
+        name,
+        link_names(name, model.n_links),
+        model.link_ends,
+        c.arm.radius,
+        base,
+        markers,
+        c.arm.frame_prefix,
     )

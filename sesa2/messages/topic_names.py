@@ -1,5 +1,8 @@
 """Names on the ROS graph, relative, so that a namespace gives each arm its own."""
 
+from sesa2.configuration import Configuration
+
+CLOCK = '/clock'
 CONFIGURATION = 'configuration'
 DIAGNOSTICS = '/diagnostics'
 TRUTH_MARKERS = 'truth/markers'
@@ -11,14 +14,30 @@ def absolute(name: str) -> str:
     return '/' + name.lstrip('/')
 
 
+def is_called(topic: str, name: str) -> bool:
+    """Whether an absolute name is this one, or this one in whichever namespace where it is relative."""
+    return topic == name or (not name.startswith('/') and topic.endswith(f'/{name}'))
+
+
 def imu_name(imu_id: int) -> str:
-    """An IMU's name: its frame, and its part in diagnostics."""
+    """An IMU's name: its part in diagnostics, and in the names of its topics and its frame."""
     return f'imu_{imu_id}'
 
 
 def imu_data(imu_id: int) -> str:
-    """Topic of an IMU's orientation, sensor_msgs/Imu."""
+    """Topic of an IMU's orientation, sensor_msgs/Imu, where the configuration says nothing else."""
     return f'{imu_name(imu_id)}/data'
+
+
+def imu_topics(c: Configuration) -> dict[int, str]:
+    """Topic of each IMU's orientation by its id: as configured, else as `imu_data` says."""
+    ids = c.imus.all_ids
+    return dict(zip(ids, c.imus.topics or map(imu_data, ids), strict=True))
+
+
+def imu_frame(c: Configuration, imu_id: int) -> str:
+    """Frame of an IMU."""
+    return c.frame(imu_name(imu_id))
 
 
 def imu_field(imu_id: int) -> str:

@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 from geometry_msgs.msg import PoseArray, PoseStamped
 from nav_msgs.msg import Path
+from rcl_interfaces.msg import SetParametersResult
+from rclpy.parameter import Parameter
 from sensor_msgs.msg import Imu, JointState, MagneticField
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
@@ -23,10 +25,10 @@ from sesa2.estimation.sweeps import Sweep
 from sesa2.messages.orientation_intake import OrientationIntake, unaligned_headings
 from sesa2.messages.results import TYPES, ResultMessages
 from sesa2.messages.robot import describe_robot
-from sesa2.messages.topic_names import CONFIGURATION, imu_data, imu_field, imu_name, of_model
+from sesa2.messages.topic_names import CONFIGURATION, imu_field, imu_name, imu_topics, of_model
 from sesa2.ros.confined_node import ConfinedNode
 from sesa2.ros.diagnostics import ERROR, OK, WARN, Diagnostics, Part
-from sesa2.ros.parameters import declare_configuration
+from sesa2.ros.parameters import declare_configuration, origin_of
 from sesa2.ros.qos import ANY_STREAM, LATCHED, STREAM
 from sesa2.ros.spinning import run_alone
 from sesa2.shape.rotations import FloatArray
@@ -36,6 +38,9 @@ from sesa2.time import NS
 _POSE_NS = 3 * NS
 # How often the clock is looked at for sweeps that need not wait any longer.
 _LOOK_EVERY_NS = NS // 20
+
+# What an alignment changes.
+_ALIGNED = ('imus.mount_orientations', 'imus.headings')
 
 _CLASSES = {
     'joint_states': JointState,
@@ -65,7 +70,9 @@ class EstimatorNode(ConfinedNode):
 
     def __init__(self, **options: Any):
         super().__init__('estimator', automatically_declare_parameters_from_overrides=True, **options)
-        self.configuration = declare_configuration(self)
+        self.configuration = declare_configuration(self, changing=_ALIGNED)
+        self._origin = origin_of(self)
+        self._saved = ''  # as written last
         self._estimator = Estimator(self.configuration)
         self.assembler = self._estimator.assembler()
         used_ids = self.configuration.imus.used_ids
@@ -89,10 +96,11 @@ class EstimatorNode(ConfinedNode):
 
         imus = self.configuration.imus
         self._ids = imus.all_ids
+        self._imu_topics = imu_topics(self.configuration)
         # Our own bridge and player are reliable; with other people's drivers anything that can be heard will do.
         qos = ANY_STREAM if self.configuration.run.source == 'external' else STREAM
         self._subscriptions_of_imus = [
-            self.create_subscription(Imu, imu_data(i), self._take(index), qos, raw=True)
+            self.create_subscription(Imu, self._imu_topics[i], self._take(index), qos, raw=True)
             for index, i in enumerate(self._ids)
             if i in imus.used_ids
         ]
@@ -108,6 +116,7 @@ class EstimatorNode(ConfinedNode):
         self.received = Counter[int]()
         self._unreadable = 0
         self._near_singular = Counter[str]()
+        self._fallen_back = Counter[str]()
         self._last_report = (time.monotonic(), Counter[int](), 0)
         self._listened_ns = 0
         self._looked_ns = time.monotonic_ns()
@@ -116,6 +125,9 @@ class EstimatorNode(ConfinedNode):
             self.create_service(Trigger, '~/align', partial(self._align, headings=False)),
             self.create_service(Trigger, '~/align_headings', partial(self._align, headings=True)),
         ]
+        self._save_service = self.create_service(Trigger, '~/save', self._save)
+        self._aligning = False
+        self.add_on_set_parameters_callback(self._refuse_from_outside)
         self._watchdog = self.create_timer(_LOOK_EVERY_NS / NS, self._close_overdue)
         self._diagnostics = Diagnostics(self, 'arm', self._report)
 
@@ -170,6 +182,7 @@ class EstimatorNode(ConfinedNode):
         self.n_sweeps += 1
         for name, result in estimate.models.items():
             self._near_singular[name] += result.near_singular
+            self._fallen_back[name] += result.fallen_back
 
     def _align(
         self, request: Trigger.Request, response: Trigger.Response, *, headings: bool
@@ -200,7 +213,42 @@ class EstimatorNode(ConfinedNode):
         self.configuration = self.aligned = c.with_alignment(found.mountings, found.headings)
         self._estimator = Estimator(self.configuration)
         self._publish_configuration()
+        self._show_alignment()
         response.success, response.message = True, self._told(found, headings)
+        return response
+
+    def _show_alignment(self) -> None:
+        """The parameters say what is in force."""
+        flat = self.configuration.flat()
+        self._aligning = True
+        self.set_parameters([Parameter(path, value=list(flat[path])) for path in _ALIGNED])
+        self._aligning = False
+
+    def _refuse_from_outside(self, parameters: list[Parameter]) -> SetParametersResult:
+        if self._aligning or not any(p.name in _ALIGNED for p in parameters):
+            return SetParametersResult(successful=True)
+        return SetParametersResult(successful=False, reason='read-only: estimator/align changes it')
+
+    def _save(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        """`~/save`: the configuration as it is in force, beside the file that it came from, which stays as it is."""
+        del request
+        if self._origin is None:
+            response.message = (
+                'it is not known which file the configuration came from; `sesa2 run --config FILE` and '
+                '--params-file FILE tell'
+            )
+            return response
+        path = self._origin.with_name(f'{self._origin.stem}_aligned.yaml')
+        text = files.dump(self.configuration)
+        try:
+            files.save(path, text, instead_of=self._saved)
+        except Sesa2Error as error:
+            response.message = str(error)
+            return response
+        replaced = ', in place of what was saved there before' if self._saved else ''
+        self._saved = text
+        response.success = True
+        response.message = f'saved in {path}{replaced}; {self._origin} stays as it is'
         return response
 
     def _told(self, found: Alignment, headings: bool) -> str:
@@ -232,7 +280,7 @@ class EstimatorNode(ConfinedNode):
                 parts.append((imu_name(imu), OK, 'not enabled; interpolated from its neighbours', {}))
                 continue
             rate = (self.received[imu] - before[1][imu]) / elapsed
-            publishers = self.count_publishers(imu_data(imu))
+            publishers = self.count_publishers(self._imu_topics[imu])
             level, text = OK, f'{rate:.1f} Hz'
             if publishers > 1:
                 level, text = (
@@ -280,6 +328,11 @@ class EstimatorNode(ConfinedNode):
                 text = f'{n} sweeps with a joint beyond 80° about z: joint angles are near their singularity'
                 parts.append((name, WARN, text, {'near_singular': n}))
         self._near_singular.clear()
+        for name, n in self._fallen_back.items():
+            if n:
+                text = f'{n} sweeps could not be solved and are arcs: neighbouring IMUs differ by half a turn'
+                parts.append((name, WARN, text, {'fallen_back': n}))
+        self._fallen_back.clear()
         self._last_report = (now, Counter(self.received), self.n_sweeps)
         return parts
 

@@ -13,7 +13,7 @@ from sesa2.bags.recording import open_recording
 from sesa2.configuration import ConfigurationError, Mistake
 from sesa2.errors import Sesa2Error
 from sesa2.estimation.time_steps import BACK_NS
-from sesa2.messages.topic_names import imu_data, imu_field
+from sesa2.messages.topic_names import CLOCK, imu_data, imu_field, imu_topics
 from sesa2.ros.confined_node import ConfinedNode
 from sesa2.ros.diagnostics import OK, Diagnostics, Part
 from sesa2.ros.parameters import declare_configuration
@@ -43,25 +43,23 @@ class Player(ConfinedNode):
         if not self._run.bag:
             raise ConfigurationError([Mistake('run.bag', 'is empty, expected a recording to play')], 'player')
         self._recording = open_recording(self._run.bag)
-        self._imus = ImuRecording(self._recording)
-        imus = self.configuration.imus
-        unknown = sorted(set(self._imus.counts) - set(imus.all_ids))
-        if unknown:
-            self.get_logger().warning(
-                f'IMUs {unknown} of the recording are not in imus.ids: nobody will use them'
-            )
+        self._imus = ImuRecording(self._recording, self.configuration)
+        for warning in self._imus.warnings:
+            self.get_logger().warning(warning)
+        topics = imu_topics(self.configuration)
         self._publishers_of_imus = {
-            i: self.create_publisher(Imu, imu_data(i), STREAM) for i in self._imus.counts
+            i: self.create_publisher(Imu, topics.get(i) or imu_data(i), STREAM) for i in self._imus.counts
         }
         self._publishers_of_fields = {
             i: self.create_publisher(MagneticField, imu_field(i), STREAM) for i in self._imus.field_ids
         }
+        imus = self.configuration.imus
         listened_to = [
             self._publishers_of_imus,
             *([self._publishers_of_fields] if imus.fusion == '9d' else []),
         ]
         self._awaited = [p for publishers in listened_to for i, p in publishers.items() if i in imus.used_ids]
-        self._clock_publisher = self.create_publisher(Clock, '/clock', 10) if self._run.clock else None
+        self._clock_publisher = self.create_publisher(Clock, CLOCK, 10) if self._run.clock else None
         self._clock_ns = 0
         self.n_played = self._rounds = 0
         self._stop = threading.Event()

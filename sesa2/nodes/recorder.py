@@ -18,7 +18,7 @@ from sesa2.errors import Sesa2Error
 from sesa2.messages.field_messages import FIELD_TYPE
 from sesa2.messages.imu_messages import without_acceleration
 from sesa2.messages.results import TYPES
-from sesa2.messages.topic_names import CONFIGURATION, imu_calibration, imu_data, imu_field, of_model
+from sesa2.messages.topic_names import CONFIGURATION, imu_calibration, imu_field, imu_topics, of_model
 from sesa2.ros.confined_node import ConfinedNode
 from sesa2.ros.diagnostics import ERROR, OK, WARN, Diagnostics, Part
 from sesa2.ros.parameters import declare_configuration
@@ -62,9 +62,9 @@ class Recorder(ConfinedNode):
         )
         self._bag.flush()
         qos = ANY_STREAM if c.run.source == 'external' else STREAM
-        for i in c.imus.all_ids:
+        for i, topic in imu_topics(c).items():
             if c.record.imu:
-                self._subscribe(Imu, 'sensor_msgs/msg/Imu', imu_data(i), qos)
+                self._subscribe(Imu, 'sensor_msgs/msg/Imu', topic, qos)
                 if c.imus.fusion == '9d':
                     self._subscribe(MagneticField, FIELD_TYPE, imu_field(i), qos)
             self._subscribe(

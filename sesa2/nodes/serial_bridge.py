@@ -24,7 +24,7 @@ from sesa2.link.requests import FusionMode
 from sesa2.link.session import LinkSettings
 from sesa2.link.status import Event, ImuStatus, Level
 from sesa2.messages.imu_messages import ImuMessages
-from sesa2.messages.topic_names import imu_calibration, imu_data, imu_name
+from sesa2.messages.topic_names import imu_calibration, imu_frame, imu_topics
 from sesa2.ros.confined_node import ConfinedNode
 from sesa2.ros.link_diagnostics import LinkDiagnostics
 from sesa2.ros.parameters import declare_configuration
@@ -56,8 +56,9 @@ class SerialBridge(ConfinedNode):
         c = self.configuration
         self._ids = tuple(sorted(c.imus.all_ids))
         self._saved = self._load(c)
-        self._imu_messages = {i: ImuMessages(imu_name(i)) for i in self._ids}
-        self._data_publishers = {i: self.create_publisher(Imu, imu_data(i), STREAM) for i in self._ids}
+        topics = imu_topics(c)
+        self._imu_messages = {i: ImuMessages(imu_frame(c, i)) for i in self._ids}
+        self._data_publishers = {i: self.create_publisher(Imu, topics[i], STREAM) for i in self._ids}
         self._calibration_publishers = {
             i: self.create_publisher(ImuCalibration, imu_calibration(i), LATCHED) for i in self._ids
         }
@@ -219,7 +220,7 @@ class SerialBridge(ConfinedNode):
     def _publish_calibration(self, imu: int) -> None:
         now_ns = time.time_ns()
         message = ImuCalibration(id=imu)
-        message.header.frame_id = imu_name(imu)
+        message.header.frame_id = imu_frame(self.configuration, imu)
         message.header.stamp = Time(sec=now_ns // NS, nanosec=now_ns % NS)
         if scores := self._scores.get(imu):
             message.sys, message.gyro, message.accel, message.mag = scores

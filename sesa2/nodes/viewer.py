@@ -4,6 +4,7 @@ A process of its own: it may be killed and started again without harm to anythin
 """
 
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import rclpy
@@ -12,6 +13,7 @@ from rclpy.task import Future
 from std_msgs.msg import String
 
 from sesa2.configuration import Configuration, ConfigurationError, files
+from sesa2.configuration.chosen_files import ChosenFiles
 from sesa2.messages.topic_names import CONFIGURATION
 from sesa2.ros.confined_node import ConfinedNode
 from sesa2.ros.graph_listening import Listener
@@ -58,6 +60,14 @@ class Viewer(ConfinedNode):
                 integer_range=[IntegerRange(from_value=0, to_value=65535, step=1)],
             ),
         ).value
+        folder = self.declare_parameter(
+            'files',
+            '',
+            ParameterDescriptor(
+                description='folder under which files may be chosen on the page; empty: where it was started',
+                read_only=True,
+            ),
+        ).value
         self._server = open_server(host, port)
         self.address = address(self._server)
         # On no executor: what comes often waits here until a frame is drawn.
@@ -70,7 +80,8 @@ class Viewer(ConfinedNode):
         )
         self._listener = Listener(self, self._streams)
         self._steering = GraphSteering(self)
-        self.page = Page(self._server, self._listener.live, self._steering)
+        chosen = ChosenFiles(folder or Path.cwd())
+        self.page = Page(self._server, self._listener.live, self._steering, chosen)
         self._shown: Configuration | None = None
         # The configuration of the next start, as the system has it.
         self._planned: Configuration | None = None

@@ -40,10 +40,11 @@ class Diagnostics:
     def publish(self) -> None:
         """Publish now."""
         message = DiagnosticArray()
+        node = self._node.get_fully_qualified_name().lstrip('/')  # as in left/estimator
         message.header.stamp = self._node.get_clock().now().to_msg()
         message.status = [
             DiagnosticStatus(
-                name=f'{self._node.get_name()}: {part}',
+                name=f'{node}: {part}',
                 level=level,
                 message=text,
                 hardware_id=self._hardware_id,

@@ -24,7 +24,7 @@ from sesa2.messages.topic_names import (
     TRUTH_MARKERS,
     TRUTH_SHAPE,
     imu_calibration,
-    imu_data,
+    imu_topics,
     of_model,
 )
 from sesa2.ros.qos import LATCHED
@@ -77,8 +77,10 @@ class Listener:
         self.live = Live()
         self.unreadable = 0
         self._node, self._streams = node, streams
+        self._namespace = node.get_namespace().strip('/')
         self._results: dict[tuple[str, str], _Newest] = {}
         self._imus: dict[int, _Newest] = {}
+        self._imu_topics: dict[int, str] = {}
         self._last_heard: dict[int, float] = {}
         self._calibrations: dict[int, Subscription] = {}
         self._truth_markers = _Newest(streams, PoseArray, TRUTH_MARKERS)
@@ -97,17 +99,18 @@ class Listener:
             self._results.pop(key).close()
         for model, kind in wanted - set(self._results):
             self._results[model, kind] = _Newest(self._streams, kinds[kind], of_model(model, kind))
-        ids = set(c.imus.all_ids)
-        for i in set(self._imus) - ids:
+        topics = imu_topics(c)
+        for i in [i for i, topic in self._imu_topics.items() if topics.get(i) != topic]:
             self._imus.pop(i).close()
             self._node.destroy_subscription(self._calibrations.pop(i))
             live.sensors.pop(i, None)
             live.scores.pop(i, None)
-        for i in ids - set(self._imus):
-            self._imus[i] = _Newest(self._streams, Imu, imu_data(i))
+        for i in set(topics) - set(self._imus):
+            self._imus[i] = _Newest(self._streams, Imu, topics[i])
             self._calibrations[i] = self._node.create_subscription(
                 ImuCalibration, imu_calibration(i), partial(self._take_calibration, i), LATCHED
             )
+        self._imu_topics = topics
 
     def update(self) -> None:
         """Fetch the newest of every stream."""
@@ -151,12 +154,14 @@ class Listener:
 
     def _take_diagnostics(self, message: DiagnosticArray) -> None:
         now = time.monotonic()
-        self.live.hear(
-            {
-                s.name: Diagnostic(s.level[0], s.message, {pair.key: pair.value for pair in s.values}, now)
-                for s in message.status
-            }
-        )
+        said = {}
+        for status in message.status:
+            node, _, part = status.name.partition(': ')
+            namespace, _, name = node.rpartition('/')
+            if namespace == self._namespace:  # else of another arm
+                values = {pair.key: pair.value for pair in status.values}
+                said[f'{name}: {part}'] = Diagnostic(status.level[0], status.message, values, now)
+        self.live.hear(said)
 
 
 def _orientation(data: bytes) -> FloatArray:

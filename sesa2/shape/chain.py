@@ -34,30 +34,28 @@ class Chain(Backbone):
         return self._link_orientations.take(link, axis=-2)
 
 
-def in_blocks(
-    function: Callable[[FloatArray], FloatArray], quaternions: FloatArray, links: int
-) -> FloatArray:
+def in_blocks(function: Callable[[FloatArray], FloatArray], stations: FloatArray, links: int) -> FloatArray:
     """Work through a batch block by block.
 
     Parameters
     ----------
     function
         of a batch, which gives for each member what it gives for this member alone.
-    quaternions : batch + (n, 4)
+    stations : batch + (n, k)
         what it is called with.
     links
-        how many each member has.
+        how many it makes of each member.
 
     Returns
     -------
-    function(quaternions).
+    function(stations).
     """
-    *batch, n, _ = quaternions.shape
+    *batch, n, k = stations.shape
     size = max(1, _BLOCK // links)
     members = math.prod(batch)
     if members <= size:
-        return function(quaternions)
-    flat = quaternions.reshape(members, n, 4)
+        return function(stations)
+    flat = stations.reshape(members, n, k)
     first = function(flat[:size])
     out = np.empty((members, *first.shape[1:]))
     out[:size] = first

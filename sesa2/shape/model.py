@@ -27,7 +27,14 @@ class Backbone(ABC):
 
     Positions are in world axes with their origin at the base, m; orientations are q_WL, x y z w. `batch` below is
     whatever leading shape the orientations had.
+
+    Attributes
+    ----------
+    fallen_back
+        how many of the batch its model could not solve and gave the shape of another, which it names.
     """
+
+    fallen_back: int = 0
 
     @abstractmethod
     def positions(self, s: ArrayLike) -> FloatArray:

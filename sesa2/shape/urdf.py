@@ -27,6 +27,7 @@ def robot_description(
     radius: float,
     base: Sequence[float] | FloatArray | None = IDENTITY,
     markers: Iterable[tuple[str, float]] = (),
+    frame_prefix: str = '',
 ) -> str:
     """Describe an arm.
 
@@ -45,6 +46,8 @@ def robot_description(
         `base_y`.
     markers
         name and arc length, m, of each point to be shown.
+    frame_prefix
+        in front of the names of all links, which are those of the frames.
 
     Returns
     -------
@@ -75,6 +78,9 @@ def robot_description(
         element = ET.SubElement(robot, 'link', name=f'{name}_{marker}')
         _add_visual(element, 'marker', 0.0, 'sphere', radius=repr(1.3 * radius))
         _join(robot, f'{name}_to_{marker}', 'fixed', links[i], f'{name}_{marker}', z=s - ends[i])
+    for tag, key in (('link', 'name'), ('parent', 'link'), ('child', 'link')):
+        for named in robot.iter(tag):
+            named.set(key, frame_prefix + named.get(key, ''))
     return ET.tostring(robot, encoding='unicode')
 
 

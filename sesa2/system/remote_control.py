@@ -6,7 +6,8 @@ from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
 from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
-from sesa2.configuration import Configuration, files
+from sesa2.configuration import Configuration, ConfigurationError, files
+from sesa2.configuration.chosen_files import ChosenFiles
 from sesa2.errors import Sesa2Error
 from sesa2.ros.confined_node import ConfinedNode
 from sesa2.ros.diagnostics import ERROR, OK, WARN, Diagnostics, Part
@@ -21,7 +22,9 @@ class RemoteControl(ConfinedNode):
     system
         what is steered.
     configuration
-        in force now.
+        in force now; the files that it names may be anywhere.
+    chosen
+        which other files may be chosen.
 
     Attributes
     ----------
@@ -31,8 +34,10 @@ class RemoteControl(ConfinedNode):
 
     GOES_ON = True
 
-    def __init__(self, system: System, configuration: Configuration):
-        super().__init__('system', use_global_arguments=False)
+    def __init__(self, system: System, configuration: Configuration, chosen: ChosenFiles):
+        super().__init__('system', namespace=system.namespace, use_global_arguments=False)
+        self._chosen = chosen
+        self._chosen.allow(configuration)
         self._system = system
         self._configuration = configuration
         self._alignment: Configuration | None = None
@@ -87,9 +92,12 @@ class RemoteControl(ConfinedNode):
         for parameter in parameters:
             if parameter.name == 'configuration':
                 try:
-                    self._configuration = files.parse(str(parameter.value), 'parameter configuration')
+                    c = files.parse(str(parameter.value), 'parameter configuration')
+                    if refused := self._chosen.mistakes(c):
+                        raise ConfigurationError(refused, 'parameter configuration')
                 except Sesa2Error as error:
                     return SetParametersResult(successful=False, reason=str(error))
+                self._configuration = c
         return SetParametersResult(successful=True)
 
     def _answer(

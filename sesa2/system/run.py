@@ -1,5 +1,6 @@
 """What `sesa2 run` does: start the system, keep it going, end it."""
 
+import json
 import signal
 import subprocess
 import sys
@@ -8,8 +9,10 @@ import time
 from collections.abc import Callable
 from contextlib import ExitStack
 from functools import partial
+from pathlib import Path
 
 from sesa2.configuration import Configuration
+from sesa2.configuration.chosen_files import ChosenFiles
 from sesa2.errors import Sesa2Error
 from sesa2.ros.lifeline import Lifeline
 from sesa2.ros.spinning import Spinner, ros_context
@@ -29,6 +32,9 @@ def run(
     duration: float | None = None,
     *,
     viewer_port: int | None = None,
+    namespace: str = '',
+    origin: Path | None = None,
+    folder: Path | None = None,
 ) -> None:
     """Run until asked to stop, the end of the bag or the given time.
 
@@ -43,6 +49,12 @@ def run(
     viewer_port
         show a page with a control panel on this port, 0: any that is free; then a failure of the system does not end
         the run, since it can be mended there.
+    namespace
+        of all nodes.
+    origin
+        the file that the configuration came from, if there is one.
+    folder
+        under which files may be chosen on the page; the present one where it is None.
 
     Raises
     ------
@@ -54,17 +66,19 @@ def run(
     ends = time.monotonic() + duration if duration else float('inf')
     sys.setswitchinterval(_SWITCH_S)
     with ros_context([]), Spinner() as spinner, ExitStack() as stack:
-        system = System(spinner)
-        stack.callback(system.stop)
+        system = System(spinner, namespace, origin, viewer_port is not None)
+        stack.callback(system.end)
+        system.check_claims(configuration)
         if viewer_port is None:
             system.start(configuration)
             _spin(spinner, system, lambda: stop.is_set() or system.finished or time.monotonic() > ends)
             if system.failure:
                 raise system.failure
         else:
-            node = RemoteControl(system, configuration)
+            chosen = ChosenFiles(folder or Path.cwd())
+            node = RemoteControl(system, configuration, chosen)
             spinner.add(node)
-            viewer = stack.enter_context(_Viewer(viewer_port))
+            viewer = stack.enter_context(_Viewer(viewer_port, node.get_namespace(), chosen.folder))
             node.try_to_start()
 
             def ended() -> bool:
@@ -86,6 +100,7 @@ def _spin(spinner: Spinner, system: System, ended: Callable[[], bool]) -> None:
     n_told = 0
     while not ended():
         spinner.spin_once()
+        system.check_claims()
         system.end_failed()
         for error in system.lost[n_told:]:
             print(f'error: {error}; the others go on', file=sys.stderr)
@@ -98,11 +113,14 @@ def _spin(spinner: Spinner, system: System, ended: Callable[[], bool]) -> None:
 class _Viewer:
     """The viewer, in a process of its own so that drawing never holds up a sweep; a context manager that ends it."""
 
-    def __init__(self, port: int):
-        self._again = f'python -m sesa2.nodes.viewer --ros-args -p port:={port}'
+    def __init__(self, port: int, namespace: str, folder: Path):
+        arguments = ['-m', 'sesa2.nodes.viewer', '--ros-args', '-p', f'port:={port}']
+        if namespace != '/':
+            arguments += ['-r', f'__ns:={namespace}']
+        self._again = ' '.join(['python', *arguments])
         self._told = False
         self._lifeline = Lifeline()
-        command = [sys.executable, '-m', 'sesa2.nodes.viewer', '--ros-args', '-p', f'port:={port}']
+        command = [sys.executable, *arguments, '-p', f'files:={json.dumps(str(folder))}']
         # Ctrl-C reaches it too, also while it loads its libraries; it is ended from here.
         self._process = subprocess.Popen(
             command,

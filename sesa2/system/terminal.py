@@ -92,7 +92,7 @@ class Terminal:
             .fit(Measured(orientations, c.base))
             .positions([c.arm.length])[0]
         )
-        return tip if c.frame_id == 'world' else rotate(conjugate(c.base), tip)
+        return tip if c.arm.output_frame == 'world' else rotate(conjugate(c.base), tip)
 
     def _link(self) -> str:
         bridge = self._system.bridge

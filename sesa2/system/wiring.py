@@ -20,8 +20,9 @@ from sesa2.nodes.player import Player
 from sesa2.nodes.recorder import Recorder
 from sesa2.nodes.serial_bridge import SerialBridge
 from sesa2.ros.confined_node import ConfinedNode
-from sesa2.ros.parameters import overrides
+from sesa2.ros.parameters import ORIGIN, overrides
 from sesa2.ros.spinning import Spinner
+from sesa2.system.claims import Claims
 from sesa2.system.virtual_source import make_virtual_boards
 
 _Node = TypeVar('_Node', bound=ConfinedNode)
@@ -40,6 +41,12 @@ class System:
     ----------
     spinner
         runs the nodes.
+    namespace
+        of all of them.
+    origin
+        the file that the configuration came from; None where there is none.
+    with_page
+        whether they are steered from a page.
 
     Attributes
     ----------
@@ -53,8 +60,17 @@ class System:
         what became of nodes that ended before the others, or could not end well; of all starts.
     """
 
-    def __init__(self, spinner: Spinner):
+    def __init__(
+        self,
+        spinner: Spinner,
+        namespace: str = '',
+        origin: Path | None = None,
+        with_page: bool = False,
+    ):
         self._spinner = spinner
+        self.namespace = namespace
+        self._origin = origin
+        self._claims = Claims(namespace, with_page)
         self._options: dict[str, Any] = {}
         self.nodes: list[ConfinedNode] = []
         self.boards: list[VirtualBoard] = []
@@ -81,6 +97,19 @@ class System:
             self.nodes.remove(node)
             self._end(node)
 
+    def check_claims(self, configuration: Configuration | None = None) -> None:
+        """Look whether somebody else publishes what this configuration would, or, where it is None, what runs does.
+
+        Raises
+        ------
+        ClaimError
+            somebody does, and it is this run that has to end.
+        """
+        if configuration:
+            self._claims.check(configuration)
+        else:
+            self._claims.check_again(self.configuration if self.nodes else None)
+
     def start(self, configuration: Configuration) -> None:
         """Start the nodes that a configuration asks for.
 
@@ -90,18 +119,29 @@ class System:
             one cannot start; then none runs.
         """
         self.configuration = configuration
+        self.check_claims(configuration)
+        served = configuration
         try:
             if configuration.run.source == 'sim':
                 self.boards = make_virtual_boards(configuration)
                 serial = configuration.serial.on([board.path for board in self.boards])
-                configuration = replace(configuration, serial=serial)
+                served = replace(configuration, serial=serial)
             if configuration.run.source == 'bag':
                 # Seen before the recorder makes a bag that nothing would go into.
                 with open_recording(configuration.run.bag) as recording:
-                    ImuRecording(recording)
-            self._options = {'parameter_overrides': overrides(configuration), 'use_global_arguments': False}
+                    ImuRecording(recording, configuration)
+            given = overrides(configuration)
+            if self._origin:
+                given.append(Parameter(ORIGIN, value=str(self._origin)))
+            self._options = {
+                'parameter_overrides': given,
+                'namespace': self.namespace,
+                'use_global_arguments': False,
+            }
             for make in _wanted(configuration):
-                self._keep(make(**self._options))
+                # The ports of virtual boards are of no use to anybody else, nor in a file that is saved.
+                own = {'parameter_overrides': overrides(served)} if make is SerialBridge else {}
+                self._keep(make(**{**self._options, **own}))
         except Sesa2Error:
             self.stop()
             raise
@@ -130,6 +170,11 @@ class System:
             self._end(self.nodes.pop())
         while self.boards:
             self.boards.pop().close()
+
+    def end(self) -> None:
+        """End all nodes for good."""
+        self.stop()
+        self._claims.close()
 
     def _end(self, node: ConfinedNode) -> None:
         """End a node, whatever it says to that."""

@@ -1,7 +1,7 @@
 """The whole configuration as a form in three tabs: every parameter, in plain words, checked as it is typed."""
 
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from itertools import count
 from typing import Any
 
@@ -46,6 +46,7 @@ _ARM = {
         'arm.radius': 'radius [m]',
         'arm.base_orientation': 'base q_WB xyzw',
         'arm.output_frame': 'results in',
+        'arm.frame_prefix': 'frames begin with',
     },
     'Links': {
         'links': 'links of a curve',
@@ -59,6 +60,7 @@ _ARM = {
         'imus.heading_filter': 'heading filter',
     },
 }
+_TOPICS = {'imus.topics': 'instead of imu_<id>/data'}
 _BASE_IMU = {'imus.base_id': 'IMU id, 0: none', 'imus.base_mount_orientation': 'mounting xyzw'}
 
 
@@ -71,10 +73,17 @@ class Form:
         of the page.
     tabs
         where the form goes.
+    refused
+        what else is wrong with a valid configuration that was typed here.
     """
 
-    def __init__(self, gui: viser.GuiApi, tabs: viser.GuiTabGroupHandle):
-        self._gui = gui
+    def __init__(
+        self,
+        gui: viser.GuiApi,
+        tabs: viser.GuiTabGroupHandle,
+        refused: Callable[[Configuration], Iterable[Mistake]],
+    ):
+        self._gui, self._refused = gui, refused
         self._run_tab = tabs.add_tab('Run')
         self._arm_tab = tabs.add_tab('Arm')
         self._imu_tab = tabs.add_tab('IMUs')
@@ -106,6 +115,7 @@ class Form:
             with self._imu_tab:
                 self._add_imus(c)
                 self._add_folder('IMU on the base', _BASE_IMU, expand=False)
+                self._add_folder('Topics', _TOPICS, expand=False)
             self.check()
 
     def take_alignment(self, c: Configuration) -> None:
@@ -134,9 +144,12 @@ class Form:
             chosen = [name for name, box in self._models.items() if box.value]
             flat['models'] = chosen
             _shorten(flat)
+            c: Configuration | None
+            mistakes: tuple[Mistake, ...]
             try:
                 c = validate(nested(flat), 'form')
-                mistakes: tuple[Mistake, ...] = ()
+                mistakes = tuple(self._refused(c))
+                c = None if mistakes else c
             except ConfigurationError as error:
                 c, mistakes = None, error.mistakes
             if not chosen:

@@ -11,6 +11,7 @@ from typing import Any
 import viser
 
 from sesa2.configuration import Configuration, files
+from sesa2.configuration.chosen_files import ChosenFiles
 from sesa2.errors import Sesa2Error
 from sesa2.faults import fault_line
 from sesa2.messages.colours import model_colours
@@ -38,10 +39,13 @@ class Page:
         what is known; somebody else fills it.
     steering
         what the buttons do.
+    chosen
+        which files may be chosen.
     """
 
-    def __init__(self, server: viser.ViserServer, live: Live, steering: Steering):
+    def __init__(self, server: viser.ViserServer, live: Live, steering: Steering, chosen: ChosenFiles):
         self._server, self._gui = server, server.gui
+        self._chosen = chosen
         self._live, self._steering = live, steering
         self._busy = threading.Lock()
         self._readings_due = self._plot_due = 0.0
@@ -61,7 +65,7 @@ class Page:
                 self._rates = self._gui.add_html('')
         with tabs.add_tab('Calibration'):
             self._add_calibration()
-        self._form = Form(self._gui, tabs)
+        self._form = Form(self._gui, tabs, self._chosen.mistakes)
         self._form.changed = self._form_changed
         with tabs.add_tab('File'):
             self._add_file()
@@ -92,6 +96,7 @@ class Page:
     def fill_in(self, c: Configuration) -> None:
         """Put a configuration into the form."""
         self._in_force = c
+        self._chosen.allow(c)
         self._form.fill_in(c)
         self._tell_mistakes()
 
@@ -220,6 +225,8 @@ class Page:
     def _load(self, name: str) -> str:
         if not name.strip():
             raise Sesa2Error('no file is named, expected a path or the name of a shipped configuration')
+        if name.strip() not in files.shipped():
+            self._chosen.check(name.strip())
         self._form.fill_in(files.load(files.find(name.strip())))
         self._tell_mistakes()
         return f'{name} is in the form; Start makes it work'
@@ -228,6 +235,7 @@ class Page:
         if not name.strip():
             raise Sesa2Error('no file is named, expected a path to save to')
         path = Path(name.strip()).expanduser()
+        self._chosen.check(path)
         if path.suffix not in ('.yaml', '.yml'):
             raise Sesa2Error(f'{path}: expected a file name that ends in .yaml')
         text = files.dump(self._checked())

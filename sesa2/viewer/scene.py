@@ -76,7 +76,7 @@ class Scene:
         with self._server.atomic():
             base = self._base(c, live)
             self._base_axes.wxyz = _wxyz(base)
-            self._arm.wxyz = _wxyz(base) if c.frame_id == 'base_link' else (1.0, 0.0, 0.0, 0.0)
+            self._arm.wxyz = _wxyz(base) if c.arm.output_frame == 'base' else (1.0, 0.0, 0.0, 0.0)
             for name, backbone in live.backbones.items():
                 if name in self._tubes and len(backbone) > 1:
                     self._draw_tube(name, backbone, c.arm.radius)
@@ -251,7 +251,7 @@ class Scene:
         measured = np.array([live.sensors.get(i, _MISSING) for i in c.imus.ids])
         alive = np.isfinite(measured[:, 0]) & np.array(c.imus.enabled)
         orientations = self._mounting.link_orientations(np.where(alive[:, None], measured, link))
-        if c.frame_id == 'base_link':
+        if c.arm.output_frame == 'base':
             orientations = multiply(conjugate(base), orientations)
         orientations = np.where(alive[:, None], orientations, link)
         for axes, scales in ((self._imus, alive), (self._missing, ~alive)):

@@ -215,6 +215,19 @@ def stamps_of(path, topic='/pcc/tip'):
     return [m.header.stamp.sec * 10**9 + m.header.stamp.nanosec for t, _, m in read(path) if t == topic]
 
 
+def test_sweeps_that_a_model_could_not_solve_are_told(configuration, tmp_path):
+    made = make_samples(30)
+    turns = Rotation.from_rotvec([[3.1, 0.0, 0.0], [0.0, 3.1, 0.0], [3.1, 0.0, 0.0]])
+    half = [turns[0], turns[0] * turns[1], turns[0] * turns[1] * turns[2]]
+    for i, q in enumerate(30 * half):
+        data = ImuMessages(f'imu_{i % N_IMU + 1}').make(made[i].stamp_ns, q.as_quat())
+        made[i] = made[i]._replace(orientation=q.as_quat(), data=data)
+    c = replace(configuration, models=('smooth_rod',))
+    summary = replay(write(tmp_path / 'in', made), c, tmp_path / 'out')
+    assert summary.fallen_back == {'smooth_rod': 30}
+    assert summary.warnings == ['smooth_rod: 30 of 30 results could not be solved and are arcs']
+
+
 def test_a_recording_that_begins_in_a_burst_gives_whole_sweeps(configuration, tmp_path):
     made = make_samples(150)
     late = START_NS + 1100 * 10**6

@@ -65,7 +65,9 @@ def test_its_bag_replays_to_what_it_published(tmp_path, given):
     # A live run may have begun in the middle of a sweep, and ended in one.
     assert len(common) > len(before) - 8 * 10 > 3000
     for key in common:
-        np.testing.assert_allclose(now[key][:, :3], before[key][:, :3], atol=1e-9)
+        # The spline did not keep the arm's length then: on this arm its tip is off by less than 0.1 mm.
+        atol = 1e-4 if key[0].startswith('/spline/') else 1e-9
+        np.testing.assert_allclose(now[key][:, :3], before[key][:, :3], rtol=0.0, atol=atol)
         # q and −q are the same.
         cosines = np.abs(np.einsum('ni,ni->n', now[key][:, 3:], before[key][:, 3:]))
         np.testing.assert_allclose(cosines, 1.0, atol=1e-9)

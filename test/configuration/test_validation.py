@@ -15,6 +15,8 @@ from sesa2.configuration.description import describe
 from sesa2.configuration.records import leaves
 
 CONFIG = Path(__file__).parents[2] / 'config'
+RIGHT_NAME = 'letters, digits and _ between single slashes, as /left/imu_3/data'
+RIGHT_PREFIX = 'letters, digits, _ and /, first a letter, as left_'
 SHIPPED = sorted(CONFIG.glob('*.yaml'))
 
 
@@ -51,9 +53,42 @@ def test_defaults_are_filled_in_per_imu():
     assert c.frame_id == 'base_link'
 
 
+@pytest.mark.parametrize('name', ['a', '/a', 'imu3/data', '/left/imu_3/data', '/_x/y_', 'A/b2/c_3'])
+def test_names_of_topics_as_ros_takes_them(name):
+    rclpy_names = pytest.importorskip('rclpy.validate_topic_name', reason='ROS is not installed')
+    assert rclpy_names.validate_topic_name(name)
+    assert validate(values(imus__topics=[name, '/other'])).imus.topics == (name, '/other')
+
+
+@pytest.mark.parametrize('prefix', ['', 'left_', 'lab/left/', 'a'])
+def test_frames_with_a_prefix(prefix):
+    assert validate(values(arm__frame_prefix=prefix)).frame_id == f'{prefix}base_link'
+    assert validate(values(arm__frame_prefix=prefix, arm__output_frame='world')).frame_id == f'{prefix}world'
+
+
 @pytest.mark.parametrize(
     ('changes', 'expected'),
     [
+        ({'imus__topics': ['/a/data']}, 'imus.topics: has 1 entries, expected 2: one per id'),
+        (
+            {'imus__topics': ['/a/data', '/b/data'], 'imus__base_id': 1},
+            'imus.topics: has 2 entries, expected 3: one per id, and one for imus.base_id',
+        ),
+        ({'imus__topics': ['/a', '/a']}, "imus.topics[1]: got '/a' a second time"),
+        *(
+            (
+                {'imus__topics': ['/a', bad]},
+                f'imus.topics[1]: got {bad!r}, expected the name of a topic: {RIGHT_NAME}',
+            )
+            for bad in ('', '/', 'a b', '/a/', 'a//b', '3a', '~/a', '/a/{node}', 'a-b', '/ä')
+        ),
+        *(
+            (
+                {'arm__frame_prefix': bad},
+                f'arm.frame_prefix: got {bad!r}, expected nothing, or {RIGHT_PREFIX}',
+            )
+            for bad in ('/left_', ' left', 'left ', '3_', 'a-')
+        ),
         ({'arm__lenght': 1.0}, 'arm.lenght: is not known; did you mean arm.length?'),
         ({'radius': 0.1}, 'radius: is not known; did you mean arm.radius?'),
         ({'xyzzy': 1}, 'xyzzy: is not known'),

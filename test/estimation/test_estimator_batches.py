@@ -10,7 +10,7 @@ from sesa2.estimation.sweeps import Sweep
 from sesa2.shape.measured import Measured
 from sesa2.shape.rotations import from_rotation_vector, multiply, normalize
 
-MODELS = ['rigid', 'pcc', 'spline', 'pcc_exact']
+MODELS = ['rigid', 'pcc', 'spline', 'pcc_exact', 'smooth_rod']
 BASE = normalize(np.array([0.3, -0.2, 0.5, 0.7]))
 
 
@@ -57,11 +57,24 @@ def test_a_batch_of_sweeps_is_the_sweeps_one_by_one(frame, bend):
     for name in MODELS:
         rows = [one.models[name] for one in single]
         expected = ModelResult(
-            *(np.concatenate([getattr(row, f) for row in rows]) for f in ModelResult._fields[:-1]),
+            *(np.concatenate([getattr(row, f) for row in rows]) for f in ModelResult._fields[:-2]),
             near_singular=sum(row.near_singular for row in rows),
+            fallen_back=sum(row.fallen_back for row in rows),
         )
         assert_same(batch.models[name], expected)
     assert bend < 1.0 or any(result.near_singular for result in batch.models.values())
+
+
+def test_sweeps_that_a_model_cannot_solve_are_counted():
+    q = from_rotation_vector(np.outer(3.1 * np.arange(1, 5), [1.0, 0.0, 0.0]))
+    crossed = from_rotation_vector(np.outer(3.1 * np.arange(1, 5), [0.0, 1.0, 0.0]))
+    q[2:] = multiply(crossed[2:], q[2:])
+    half_turns = Sweep(10**10, multiply(BASE, q), np.ones(4, bool), None)
+    sweeps = [*bent_sweeps(20), half_turns, half_turns]
+    models = estimator('pcc_exact', 'smooth_rod').estimate(sweeps).models
+    assert models['smooth_rod'].fallen_back == 2
+    assert models['pcc_exact'].fallen_back == 0
+    np.testing.assert_allclose(models['smooth_rod'].markers[-1], models['pcc_exact'].markers[-1], atol=1e-3)
 
 
 @pytest.mark.parametrize('bend', [0.5, 1.5])

@@ -1,6 +1,7 @@
 """A robot description moved by its joint states, as on a graph, by a library that knows neither sesa2 nor ROS."""
 
 import io
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -35,6 +36,20 @@ def configured(base_imu):
             'rigid': {'boundaries': BOUNDARIES[1:-1]},
         }
     )
+
+
+def test_a_prefix_sets_the_frames_of_one_arm_apart_and_leaves_the_joints():
+    for base_imu in (False, True):
+        c = configured(base_imu)
+        plain = yourdfpy.URDF.load(io.StringIO(describe_robot(c, 'rigid')))
+        c = replace(c, arm=replace(c.arm, frame_prefix='left_'))
+        prefixed = yourdfpy.URDF.load(io.StringIO(describe_robot(c, 'rigid')))
+        assert set(prefixed.link_map) == {f'left_{name}' for name in plain.link_map}
+        assert prefixed.base_link == 'left_world'
+        assert prefixed.actuated_joint_names == plain.actuated_joint_names
+        for name in plain.link_map:
+            there = prefixed.get_transform(f'left_{name}', 'left_world')
+            np.testing.assert_array_equal(there, plain.get_transform(name, 'world'))
 
 
 def in_world(links, s):

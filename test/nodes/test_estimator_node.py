@@ -169,6 +169,21 @@ def test_twists_near_the_singularity_are_warned_of_while_they_last(graph, config
     assert diagnosis.of('estimator: rigid') == warned
 
 
+def test_sweeps_that_a_model_could_not_solve_are_warned_of(graph, configured):
+    values = {**VALUES, 'imus': {'ids': [2, 5], 'positions': [0.1, 0.3]}, 'models': ['smooth_rod']}
+    graph.add(EstimatorNode(parameter_overrides=configured(values)))
+    diagnosis = graph.diagnosis()
+    graph.matched('/diagnostics')
+    sensors = Sensors(graph, (2, 5))
+    first = from_rotation_vector([3.1, 0.0, 0.0])
+    sensors.say(2, T0, first)
+    sensors.say(5, T0 + MS, multiply(first, from_rotation_vector([0.0, 3.1, 0.0])))
+    level, text, counts = graph.until(lambda: diagnosis.of('estimator: smooth_rod'), 'a warning')[-1]
+    assert level == DiagnosticStatus.WARN
+    assert '1 sweeps could not be solved and are arcs' in text
+    assert counts == {'fallen_back': '1'}
+
+
 def test_two_publishers_on_one_topic_are_an_error(graph, node):
     diagnostics = graph.listen(DiagnosticArray, '/diagnostics', 10)
     sensors = [Sensors(graph, (2,)), Sensors(graph, (2,))]

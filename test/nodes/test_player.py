@@ -146,7 +146,7 @@ def test_imus_that_the_configuration_does_not_have_are_warned_about(graph, play,
     logs = graph.listen_to_logs()
     heard_by(graph)
     player = play(write_bag(tmp_path / 'bag', (2, 7), stamps_of(0.1)))
-    graph.until(lambda: [m for m in logs if 'IMUs [7] of the recording are not in imus.ids' in m.msg])
+    graph.until(lambda: [m for m in logs if 'IMU 7: 10 messages not used: not in imus.ids' in m.msg])
     graph.until(lambda: player.finished, 'the end')
     assert player.failure is None
 

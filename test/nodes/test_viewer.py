@@ -17,6 +17,7 @@ from nav_msgs.msg import Path as PathMessage
 from sensor_msgs.msg import Imu
 
 from sesa2.configuration import files, validate
+from sesa2.configuration.chosen_files import ChosenFiles
 from sesa2.messages.imu_messages import ImuMessages
 from sesa2.nodes.estimator import EstimatorNode
 from sesa2.ros.qos import STREAM
@@ -51,7 +52,7 @@ class SteeredSystem:
         self.alive = {1, 2}
         self.spinner = Spinner()
         self.system = System(self.spinner)
-        self.node = RemoteControl(self.system, validate(VALUES))
+        self.node = RemoteControl(self.system, validate(VALUES), ChosenFiles('/'))
         self.true_shape = self.node.create_publisher(PathMessage, 'truth/shape', STREAM)
         self.true_markers = self.node.create_publisher(PoseArray, 'truth/markers', STREAM)
         self.node.create_timer(1.0 / 30.0, self._play)
@@ -74,7 +75,7 @@ class SteeredSystem:
     def close(self):
         self.ended.set()
         self.thread.join()
-        self.system.stop()
+        self.system.end()
         self.spinner.__exit__()
 
     def _spin(self):
@@ -97,7 +98,16 @@ class SteeredSystem:
 
 class ViewerProcess:
     def __init__(self, port=0):
-        command = [sys.executable, '-m', 'sesa2.nodes.viewer', '--ros-args', '-p', f'port:={port}']
+        command = [
+            sys.executable,
+            '-m',
+            'sesa2.nodes.viewer',
+            '--ros-args',
+            '-p',
+            f'port:={port}',
+            '-p',
+            'files:=/',
+        ]
         self.process = subprocess.Popen(
             command,
             stdout=subprocess.PIPE,

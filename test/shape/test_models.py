@@ -232,9 +232,9 @@ def test_half_a_turn_between_neighbours_gives_a_finite_arm(name, angle):
     backbone = create_model(name, LAYOUT, **options(name, LAYOUT)).fit(Measured(q))
     points = backbone.positions(S)
     assert np.isfinite(points).all()
-    assert (
-        np.linalg.norm(np.diff(points, axis=0), axis=1) <= np.diff(S) * (1 + 1e-9)
-    ).all() or name == 'spline'
+    # Where a spline's cubic passes through zero its direction jumps: the quadrature then errs by some of a panel.
+    slack = 0.2 if name == 'spline' else 1e-9
+    assert (np.linalg.norm(np.diff(points, axis=0), axis=1) <= np.diff(S) * (1 + slack)).all()
 
 
 @pytest.mark.parametrize(

@@ -96,19 +96,23 @@ def test_a_full_disk_ends_the_recording_alone(tmp_path, small_disk):
 def test_a_message_that_is_cut_short_is_recorded_as_it_came(graph, tmp_path, size, unreadable):
     """Of a hundred bytes the orientation can be read, and the acceleration not taken out."""
     diagnosis = graph.diagnosis()
-    whole = ImuMessages('imu_1').make(time.time_ns(), np.array([0.0, 0.0, 0.0, 1.0]))
+    maker = ImuMessages('imu_1')
+
+    def message():
+        return maker.make(time.time_ns(), np.array([0.0, 0.0, 0.0, 1.0]))
+
     with command(tmp_path, *RUN[:-1], 'external', '--record', 'bag') as program:
         publisher = graph.probe.create_publisher(Imu, 'imu_1/data', STREAM)
 
         def heard(part, key):
-            publisher.publish(
-                whole
-            )  # what is sent to a subscription that does not know the publisher yet is lost
+            # What is sent to a subscription that does not know the publisher yet is lost.
+            publisher.publish(message())
             latest = diagnosis.latest(part)
             return latest and int(latest[2][key])
 
         graph.until(lambda: heard('estimator: sweeps', 'sweeps'), 'the estimator hears')
         graph.until(lambda: (heard('recorder: bag', 'messages') or 0) > 1, 'the recorder hears')
+        whole = message()
         publisher.publish(whole[:size])
         publisher.publish(whole)
 
@@ -268,7 +272,7 @@ def test_a_failed_start_is_told_from_a_later_end(tmp_path, monkeypatch, capfd, s
     child.write_text(f'#!{sys.executable}\nimport os, socket\n{say}\nos._exit(3)\n')
     child.chmod(0o755)
     monkeypatch.setattr('sesa2.system.run.sys.executable', str(child))
-    with _Viewer(0) as viewer:
+    with _Viewer(0, '/', tmp_path) as viewer:
         viewer._process.wait()
         with nullcontext() if starts else pytest.raises(Sesa2Error, match='could not be shown'):
             viewer.look_after()

@@ -8,6 +8,7 @@ import pytest
 pytest.importorskip('viser', reason='viser is not installed: pip install sesa2[viewer]')
 
 from sesa2.configuration import files, validate
+from sesa2.configuration.chosen_files import ChosenFiles
 from sesa2.configuration.records import leaves
 from sesa2.viewer.form import Form
 from sesa2.viewer.server import open_server
@@ -25,7 +26,7 @@ def server():
 @pytest.fixture
 def form(server):
     server.gui.reset()
-    one = Form(server.gui, server.gui.add_tab_group())
+    one = Form(server.gui, server.gui.add_tab_group(), ChosenFiles('/').mistakes)
     one.fill_in(validate(VALUES))
     return one
 
@@ -55,7 +56,7 @@ def beside(form, path, index=0):
 @pytest.mark.parametrize('name', SHIPPED)
 def test_a_configuration_comes_out_as_it_went_in(server, name):
     server.gui.reset()
-    form = Form(server.gui, server.gui.add_tab_group())
+    form = Form(server.gui, server.gui.add_tab_group(), ChosenFiles('/').mistakes)
     c = files.load(files.find(name))
     form.fill_in(c)
     assert files.dump(form.check()) == files.dump(c)
@@ -121,7 +122,7 @@ def test_no_model_is_a_mistake(form):
 
 def test_before_anything_is_known_the_form_says_so(server):
     server.gui.reset()
-    form = Form(server.gui, server.gui.add_tab_group())
+    form = Form(server.gui, server.gui.add_tab_group(), ChosenFiles('/').mistakes)
     assert form.check() is None
     assert 'nothing is in the form' in form.mistakes[0].message
 
@@ -133,3 +134,19 @@ def test_one_mounting_for_all_is_written_once(form):
         0.0, 0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0,
     )  # fmt: skip
     assert len(write(form, 'imus.mount_orientations', '1 0 0 0', 0).imus.mount_orientations) == 4
+
+
+def test_a_file_that_may_not_be_chosen_is_refused_beside_its_field(server, tmp_path):
+    server.gui.reset()
+    chosen = ChosenFiles(tmp_path)
+    started_with = validate({**VALUES, 'run': {'trial': '/elsewhere/trial'}})
+    chosen.allow(started_with)
+    form = Form(server.gui, server.gui.add_tab_group(), chosen.mistakes)
+    form.fill_in(started_with)
+    assert form.check() == started_with
+    for path in ('record.file', 'run.bag', 'calibration.file', 'run.trial'):
+        before = field(form, path).value
+        assert write(form, path, str(tmp_path / 'a')) is not None
+        assert write(form, path, f'{tmp_path}/../b') is None
+        assert f'{tmp_path}/../b is not under {tmp_path}' in beside(form, path)
+        assert write(form, path, before) == started_with

@@ -1,18 +1,22 @@
-"""A cubic spline through the tangents at the IMUs, integrated exactly: an arm of continuous curvature (ours)."""
+"""A cubic spline through the tangents at the IMUs, at unit speed: an arm of continuous curvature (ours)."""
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from sesa2.shape.chain import in_blocks
 from sesa2.shape.curve import CurveModel
 from sesa2.shape.layout import Layout
 from sesa2.shape.measured import Measured
 from sesa2.shape.model import Backbone
 from sesa2.shape.options import LinkOptions
+from sesa2.shape.quadrature import PanelQuadrature
 from sesa2.shape.rotations import FloatArray, aim, of_one_sign, tangent
+
+_SUM = np.ones((3, 1))
 
 
 class TangentSpline(Backbone):
-    """The curve whose tangent is the spline."""
+    """The curve of unit speed whose tangent points as the spline does."""
 
     def __init__(self, model: 'Spline', stations: FloatArray):
         self._model = model
@@ -20,9 +24,14 @@ class TangentSpline(Backbone):
         self._tangents = tangent(stations)
 
     def positions(self, s: ArrayLike) -> FloatArray:
-        """See Backbone. A weighted sum of the tangents at the stations."""
+        """See Backbone. A weighted sum of the unit tangents at the model's nodes."""
         integrals, *_ = self._model.at(s)
-        return integrals @ self._tangents
+        at_nodes = self._model.at_nodes
+
+        def integrated(tangents: FloatArray) -> FloatArray:
+            return integrals @ _unit(at_nodes @ tangents)
+
+        return in_blocks(integrated, self._tangents, len(at_nodes))
 
     def orientations(self, s: ArrayLike) -> FloatArray:
         """See Backbone. The least turn onto the curve from what lies between the stations (held past the last IMU).
@@ -38,18 +47,18 @@ class Spline(CurveModel[tuple[FloatArray, FloatArray, FloatArray]]):
     """Cubic spline through the tangents at the stations (the base, then the IMUs), component by component.
 
     At the base it is not-a-knot: the clamp says nothing of curvature, and a natural spline, which puts the tangent's
-    second derivative to 0 there, leaves 0.51 / 0.42 % of arc length on a simulated passive arm where this leaves
-    0.38 / 0.34 % (median, markers at 0.36 and 0.60 of 0.66 m). Past the last IMU the last cubic goes on to the tip,
+    second derivative to 0 there, costs 0.1 % of arc length on a simulated passive arm where this leaves
+    0.39 / 0.34 % (median, markers at 0.36 and 0.60 of 0.66 m). Past the last IMU the last cubic goes on to the tip,
     where its derivative is 0: a tip that carries no couple is not curved. With 8 IMUs all end conditions at the tip
     agree within 0.005 %; 0.12 m past the last of 6 IMUs this one leaves 0.4 % and not-a-knot 2.2 %.
 
     With one or two IMUs what is left is a parabola (a cantilever under a force at its tip, linear theory) or one cubic.
-    Where the arm bends far from one station to the next the tangent between them is well short of unit length: on that
-    arm with 2 IMUs this leaves 24 / 13 % and `pcc_exact` 8 / 10 %, with 4 it is 2.6 / 1.8 % against 3.4 / 3.4 %.
 
-    The tangent is not scaled to unit length, so that positions stay linear in it. The links on the ROS graph have their
-    full length: their chain tends to the curve of the same tangents at unit length, as 1/links², and at the tip of that
-    arm with 8 IMUs this lies 0.25 mm from the spline (median; at most 2 mm).
+    The cubic only says where the tangent points. Where the arm bends far from one station to the next it is well short
+    of unit length in between; it is scaled to unit length before it is integrated, so that the curve keeps the arm's
+    length. Its values at fixed nodes are linear in the stations' tangents, and the integral in these once they are
+    scaled: two matrix products. On that arm this leaves 2.1 / 1.2 % with 4 IMUs, unscaled 2.6 / 1.8 %. Two IMUs are too
+    few for its bends: 22 / 13 % (`pcc_exact` 8 / 10 %).
     """
 
     name = 'spline'
@@ -66,6 +75,9 @@ class Spline(CurveModel[tuple[FloatArray, FloatArray, FloatArray]]):
         conditions = np.vstack([self._past(stations) ** self._powers, slope_at_tip])
         values = np.eye(len(stations) + 1, len(stations))
         self._coefficients = np.linalg.solve(conditions, values)
+        self._panels = PanelQuadrature(np.array([*stations, *([1.0] if stations[-1] < 1.0 else [])]))
+        # Weights of the stations' tangents in the tangents at the nodes, (n_nodes, n_imu + 1).
+        self.at_nodes = self._past(self._panels.nodes) ** self._powers @ self._coefficients
 
     def _past(self, u: FloatArray) -> FloatArray:
         return np.maximum(u[:, None] - self._starts, 0.0)
@@ -74,15 +86,23 @@ class Spline(CurveModel[tuple[FloatArray, FloatArray, FloatArray]]):
         return TangentSpline(self, measured.stations)
 
     def _precompute(self, s: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Weights of the stations' tangents in the position, m, and in the tangent, and of their quaternions in the
-        orientation before it is aimed; (n, n_imu + 1) each.
+        """Weights of the nodes' unit tangents in the position, m, (n, n_nodes); of the stations' tangents in the
+        tangent, and of their quaternions in the orientation before it is aimed, (n, n_imu + 1) each.
         """
         section, fraction = self._sections(s)
         fraction = np.minimum(fraction, 1.0)
-        past = self._past(s / self.layout.arm.length)
-        values = past**self._powers
-        integrals = self.layout.arm.length * past * values / (self._powers + 1)
+        u = s / self.layout.arm.length
+        integrals = self.layout.arm.length * self._panels.integrals(u)
         blend = np.zeros((len(s), len(self.layout.stations)))
         blend[np.arange(len(s)), section] = 1.0 - fraction
         blend[np.arange(len(s)), section + 1] = fraction
-        return integrals @ self._coefficients, values @ self._coefficients, blend
+        return integrals, self._past(u) ** self._powers @ self._coefficients, blend
+
+
+def _unit(vectors: FloatArray) -> FloatArray:
+    """Scale vectors (..., 3) to unit length, in place; one of length zero stays."""
+    length = (vectors * vectors) @ _SUM  # half of what einsum takes for a single sweep
+    length += 1e-300
+    np.sqrt(length, out=length)
+    vectors /= length
+    return vectors
