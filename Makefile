@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 # The first that runs: 3.12 is what Jazzy has.
 PYTHON ?= $(shell for p in python3.12 python3.11 python3.13 python3.10 python3; do \
 	$$p -c 'import sys; sys.exit(not (3, 10) <= sys.version_info[:2] <= (3, 13))' 2>/dev/null && echo $$p && break; done)
-EXTRAS := ros,viewer,report,sim,mocap,test,lint
+EXTRAS := ros,viewer,report,sim,mocap,raw,test,lint
 
 .PHONY: help venv demo test lint firmware-test bench accuracy clean
 help:

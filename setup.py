@@ -34,6 +34,7 @@ setup(
     extras_require={
         'ros': ROS,
         'mocap': ['ezc3d>=1.5.16'],
+        'raw': ['vqf>=2.1'],
         'report': ['matplotlib>=3.8'],
         'viewer': ['viser>=1.1,<2'],
         'sim': ['pyelastica>=1.0', 'scipy>=1.11'],

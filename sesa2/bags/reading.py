@@ -12,12 +12,13 @@ from sesa2.bags.captured_bodies import add_captured_imus
 from sesa2.bags.definitions import PATH, POSE_ARRAY, STRING, deserialise
 from sesa2.bags.recorded_stamps import RecordedStamps
 from sesa2.bags.recording import Recording, open_recording
-from sesa2.bags.topics import RecordedTopic, imu_topic, named_imu_topic
+from sesa2.bags.topics import Message, RecordedTopic, field_topic, imu_topic, named_imu_topic
 from sesa2.configuration import Configuration
 from sesa2.errors import Sesa2Error
 from sesa2.messages import poses
 from sesa2.messages.imu_messages import TYPE as IMU
 from sesa2.messages.imu_messages import read_imus
+from sesa2.messages.orientation_intake import OrientationIntake, TakenOrientations
 from sesa2.messages.topic_names import CONFIGURATION, absolute, imu_topics
 from sesa2.shape.rotations import FloatArray
 from sesa2.time import NS
@@ -84,6 +85,14 @@ class ImuBlock(NamedTuple):
             yield Sample(id_, stamp_ns, q[0], q[1], q[2], q[3], data, log_ns)
 
 
+class FieldMessage(NamedTuple):
+    """A sensor_msgs/MagneticField in CDR: of which IMU, and when it was recorded, ns."""
+
+    id: int
+    log_ns: int
+    data: bytes
+
+
 class ImuRecording:
     """The IMUs of a recording.
 
@@ -94,6 +103,9 @@ class ImuRecording:
     configuration
         says which IMUs there are, and how their topics are called if not `imu_<id>/data`. What is called so is taken
         by its id also where other names are given and none of them is in the recording.
+    intake
+        makes orientations of the messages, and keeps count of those that have none; where it is None, measurements of
+        IMUs that have none are all zero.
 
     Attributes
     ----------
@@ -115,9 +127,15 @@ class ImuRecording:
         uses are absent and others are there.
     """
 
-    def __init__(self, recording: Recording, configuration: Configuration | None = None):
+    def __init__(
+        self,
+        recording: Recording,
+        configuration: Configuration | None = None,
+        intake: OrientationIntake | None = None,
+    ):
         self._recording = recording
         self.stamps = RecordedStamps(configuration is not None and configuration.imus.stamps == 'arrival')
+        self._intake = intake
         given = imu_topics(configuration) if configuration and configuration.imus.topics else {}
         found = _imus_by_namespace(recording.topics, given)
         if not found:
@@ -144,6 +162,11 @@ class ImuRecording:
         self.namespace, relative = next(iter(by_namespace.items()), (_namespace(recording), {}))
         self._ids = {**anywhere, **relative}
         self.counts = {id_: recording.topics[name].count for name, id_ in self._ids.items()}
+        self._fields = {
+            name: field.id
+            for name, topic in recording.topics.items()
+            if (field := field_topic(name, topic.type)) and field.namespace == self.namespace
+        }
         self.unreadable: Counter[int] = Counter()
         self.unknown: list[int] = []
         self.absent: list[int] = []
@@ -177,18 +200,63 @@ class ImuRecording:
 
     def blocks(self) -> Iterator[ImuBlock]:
         """All measurements, in the recording's order."""
-        messages = self._recording.messages(self._ids)
+        wants_fields = self._intake is not None and self._intake.wants_fields
+        messages = self._recording.messages([*self._ids, *(self._fields if wants_fields else ())])
         while part := list(islice(messages, BLOCK)):
+            if wants_fields and not (part := self._without_fields(part)):
+                continue
             ids = np.fromiter((self._ids[message.topic] for message in part), np.int64, len(part))
             log_ns = np.fromiter((message.log_ns for message in part), np.int64, len(part))
             data = [message.data for message in part]
-            stamps_ns, orientations, readable = read_imus(data)
-            if not readable.all():
-                self.unreadable.update(ids[~readable].tolist())
-            block = ImuBlock(ids, stamps_ns, orientations, data, log_ns)
-            block = block if readable.all() else block.chosen(np.flatnonzero(readable))
+            if self._intake is not None and self._intake.fuses:  # it goes by the stamps in the messages
+                ids, log_ns, data = self._with_stamps(ids, log_ns, data)
+            if self._intake is None:
+                read = read_imus(data)
+                taken = TakenOrientations(read.stamps_ns, read.orientations, read.readable, read.readable)
+            else:
+                taken = self._intake.take_many(ids, data)
+            if not taken.readable.all():
+                self.unreadable.update(ids[~taken.readable].tolist())
+            block = ImuBlock(ids, taken.stamps_ns, taken.orientations, data, log_ns)
+            if not taken.usable.any():
+                continue
+            block = block if taken.usable.all() else block.chosen(np.flatnonzero(taken.usable))
             self.stamps.complete(block.ids, block.stamps_ns, block.log_ns, block.data)
             yield block
+
+    def _with_stamps(
+        self, ids: np.ndarray, log_ns: np.ndarray, data: list[bytes]
+    ) -> tuple[np.ndarray, np.ndarray, list[bytes]]:
+        """The readable ones of some messages, each with a stamp."""
+        read = read_imus(data)
+        self.unreadable.update(ids[~read.readable].tolist())
+        there = np.flatnonzero(read.readable)
+        ids, log_ns, data = ids[there], log_ns[there], [data[k] for k in there]
+        self.stamps.complete(ids, read.stamps_ns[there], log_ns, data)
+        return ids, log_ns, data
+
+    def fields(self) -> Iterator[FieldMessage]:
+        """What the magnetometers beside the IMUs said, in the recording's order."""
+        for message in self._recording.messages(self._fields) if self._fields else ():
+            yield FieldMessage(self._fields[message.topic], message.log_ns, message.data)
+
+    @property
+    def field_ids(self) -> list[int]:
+        """IMUs with a magnetometer beside them."""
+        return sorted(self._fields.values())
+
+    def _without_fields(self, part: list[Message]) -> list[Message]:
+        assert self._intake is not None
+        rest = []
+        for message in part:
+            if message.topic not in self._fields:
+                rest.append(message)
+                continue
+            try:
+                self._intake.take_field(self._fields[message.topic], message.data)
+            except Sesa2Error:
+                self.unreadable[self._fields[message.topic]] += 1
+        return rest
 
     def samples(self) -> Iterator[Sample]:
         """The same one by one."""

@@ -1,11 +1,10 @@
 """When recorded samples were measured: as their messages say or, where they do not, when they were recorded."""
 
-import struct
 from collections import Counter
 
 import numpy as np
 
-from sesa2.time import NS
+from sesa2.messages.stamps import with_stamp
 
 
 class RecordedStamps:
@@ -45,7 +44,7 @@ class RecordedStamps:
             self.unstamped.update(ids[without].tolist())
         for k in np.flatnonzero(without | self._arrival).tolist():
             stamps_ns[k] = log_ns[k]
-            data[k] = _stamped(data[k], int(log_ns[k]))
+            data[k] = with_stamp(data[k], int(log_ns[k]))
 
     @property
     def problems(self) -> list[str]:
@@ -54,9 +53,3 @@ class RecordedStamps:
             return []
         ids, n = ', '.join(map(str, sorted(self.unstamped))), self.unstamped.total()
         return [f'IMU {ids}: {n} messages have no stamp (0); the time of their recording stands in']
-
-
-def _stamped(data: bytes, stamp_ns: int) -> bytes:
-    """A message with another stamp, which is the first that it has."""
-    order = '<' if data[1] & 1 else '>'
-    return b''.join((data[:4], struct.pack(f'{order}iI', *divmod(stamp_ns, NS)), data[12:]))

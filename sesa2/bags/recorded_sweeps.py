@@ -1,5 +1,6 @@
 """The sweeps of a recording as arrays, as alignment and self-calibration take them."""
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import NamedTuple
 
@@ -11,6 +12,7 @@ from sesa2.configuration import Configuration
 from sesa2.errors import Sesa2Error
 from sesa2.estimation.arrivals import OFFLINE_PATIENCE, lag_in_words
 from sesa2.estimation.estimator import Estimator
+from sesa2.messages.orientation_intake import OrientationIntake
 from sesa2.shape.rotations import FloatArray
 
 
@@ -39,14 +41,14 @@ class RecordedSweeps(NamedTuple):
 
 
 def read_sweeps(
-    path: str | Path, configuration: Configuration, first_id: int | None = None
+    source: str | Path | Mapping[int, Path], configuration: Configuration, first_id: int | None = None
 ) -> RecordedSweeps:
     """Read a whole recording.
 
     Parameters
     ----------
-    path
-        of the recording.
+    source
+        the recording, or the log of each IMU by id.
     configuration
         says which IMUs are where.
     first_id
@@ -60,9 +62,10 @@ def read_sweeps(
     estimator = Estimator(configuration)
     assembler = estimator.assembler(OFFLINE_PATIENCE)
     indices = configuration.imus.indices
+    intake = OrientationIntake(configuration.imus.fusion, configuration.imus.used_ids)
     sweeps = []
-    with open_recording(path, first_id) as recording:
-        imus = ImuRecording(recording, configuration)
+    with open_recording(source, first_id) as recording:
+        imus = ImuRecording(recording, configuration, intake)
         for sample in imus.samples():
             if (index := indices.get(sample.id)) is not None:
                 sweeps += assembler.add(index, *sample[1:6], sample.log_ns)
@@ -70,6 +73,8 @@ def read_sweeps(
         problems = [
             *recording.problems,
             *imus.warnings,
+            *intake.reasons,
+            *intake.doubts,
             *(f'{n} samples not used: {why}' for why, n in assembler.dropped.items()),
             *(
                 f'IMU {configuration.imus.all_ids[index]}: {lag_in_words(lag)}'
@@ -77,7 +82,9 @@ def read_sweeps(
             ),
         ]
     if not sweeps:
-        raise Sesa2Error(f'{path}: no sweep of the configured IMUs; {"; ".join(problems) or "no samples"}')
+        raise Sesa2Error(
+            f'{recording.path}: no sweep of the configured IMUs; {"; ".join(problems) or "no samples"}'
+        )
     return RecordedSweeps(
         np.array([s.stamp_ns for s in sweeps]),
         np.stack([s.orientations for s in sweeps]),

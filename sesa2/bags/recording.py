@@ -1,7 +1,7 @@
 """Messages of any recording, whatever its format and however it ended."""
 
 import re
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,6 +12,7 @@ from rosbags.rosbag2 import Reader
 from sesa2.bags.captured_imus import CapturedImus
 from sesa2.bags.mcap_index import indexed_messages, read_index
 from sesa2.bags.ros1_bag import open_ros1_bag
+from sesa2.bags.sensor_logs import listed_files, open_inertial_columns, open_sensor_logs
 from sesa2.bags.topics import Message, Part, RecordedTopic, is_latched
 from sesa2.bags.unfinished import UnfinishedMcap
 from sesa2.errors import Sesa2Error
@@ -101,14 +102,15 @@ class Recording:
         self.close()
 
 
-def open_recording(path: str | Path, first_id: int | None = None) -> Recording:
+def open_recording(source: str | Path | Mapping[int, Path], first_id: int | None = None) -> Recording:
     """Open a recording.
 
     Parameters
     ----------
-    path
-        a rosbag2 folder, one file of it (.mcap, .db3), a bag of ROS 1 (.bag), or what a motion
-        capture system exported (`mocap.formats`).
+    source
+        a rosbag2 folder, one file of it (.mcap, .db3), a bag of ROS 1 (.bag), a CSV of what IMUs
+        measured (`imu_logs.inertial_columns`), or what a motion capture system exported (`mocap.formats`); or the log
+        of each IMU, by id (`imu_logs.log_formats`).
     first_id
         for the predecessor's: the ID in the bag that is our IMU 1; the lowest in the bag where it is None.
 
@@ -117,7 +119,9 @@ def open_recording(path: str | Path, first_id: int | None = None) -> Recording:
     Sesa2Error
         there is no such file, it is no recording, or nothing in it is readable.
     """
-    path = Path(path)
+    if isinstance(source, Mapping):
+        return Recording(Path(listed_files(source.values())), [open_sensor_logs(source)])
+    path = Path(source)
     try:
         if path.is_dir():
             recording = _open_folder(path)
@@ -158,7 +162,7 @@ def _open_file(path: Path, first_id: int | None = None) -> Part:
     if path.suffix == '.bag':
         return open_ros1_bag(path, first_id)
     if path.suffix not in ('.mcap', '.db3'):
-        return CapturedImus(path, read_motion_capture(path))
+        return open_inertial_columns(path) or CapturedImus(path, read_motion_capture(path))
     try:
         return _Rosbag2(path)
     except _RefusedError as refused:

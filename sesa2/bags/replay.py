@@ -1,7 +1,7 @@
 """The estimator over a whole recording, as fast as the machine can, with the results of a live run."""
 
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -20,6 +20,7 @@ from sesa2.estimation.stuck import StuckWatch, stuck_in_words
 from sesa2.estimation.sweeps import NO_BASE, Sweep
 from sesa2.estimation.time_steps import AHEAD_NS
 from sesa2.messages.imu_messages import TYPE as IMU_TYPE
+from sesa2.messages.orientation_intake import OrientationIntake, unaligned_headings
 from sesa2.messages.results import ResultMessages
 from sesa2.messages.topic_names import CONFIGURATION, imu_topics
 from sesa2.time import NS
@@ -116,7 +117,7 @@ class Summary:
 
 
 def replay(
-    source: str | Path,
+    source: str | Path | Mapping[int, Path],
     configuration: Configuration,
     out: str | Path,
     *,
@@ -133,7 +134,7 @@ def replay(
     Parameters
     ----------
     source
-        the recording.
+        the recording, or the log of each IMU by id.
     configuration
         the arm, its IMUs and the models.
     out
@@ -153,7 +154,9 @@ def replay(
     if models is not None:
         configuration = files.parse(files.dump(replace(configuration, models=tuple(models))), '--models')
     with open_recording(source, first_id) as recording:
-        imus = ImuRecording(recording, configuration)
+        source = recording.path
+        intake = OrientationIntake(configuration.imus.fusion, configuration.imus.used_ids)
+        imus = ImuRecording(recording, configuration, intake)
         total = sum(imus.counts.values())
         with new_bag(out) as bag:
             run = _Replay(configuration, imus, bag)
@@ -166,7 +169,13 @@ def replay(
             summary = run.finish()
             summary.unknown = Counter({id_: imus.counts[id_] for id_ in imus.unknown})
             summary.unreadable = imus.unreadable
-            summary.problems = [*recording.problems, *imus.warnings]
+            summary.problems = [
+                *recording.problems,
+                *imus.warnings,
+                *unaligned_headings(configuration.imus.fusion, configuration.imus.headings),
+                *intake.reasons,
+                *intake.doubts,
+            ]
             if not summary.sweeps:
                 reasons = '; '.join(summary.warnings)
                 raise Sesa2Error(f'{source}: no sweep in {total} samples: {reasons}')

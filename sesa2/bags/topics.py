@@ -7,6 +7,7 @@ from typing import NamedTuple, Protocol
 
 from rosbags.interfaces import Qos, QosDurability
 
+from sesa2.messages.field_messages import FIELD_TYPE
 from sesa2.messages.topic_names import is_called
 
 
@@ -69,6 +70,12 @@ def named_imu_topic(name: str, given: Mapping[int, str]) -> ImuTopic | None:
         if is_called(name, wanted):
             return ImuTopic(name.removesuffix(wanted), id_)
     return None
+
+
+def field_topic(name: str, type_name: str) -> ImuTopic | None:
+    """Namespace and id of the magnetometer beside an IMU, `…/imu_<id>/mag`; None for any other topic."""
+    match = re.fullmatch(r'(/(?:.*/)?)imu_(\d+)/mag', name)
+    return ImuTopic(match[1], int(match[2])) if match and type_name == FIELD_TYPE else None
 
 
 def is_latched(profiles: Iterable[Qos]) -> bool:

@@ -21,7 +21,11 @@ _POOR_FIT = 0.25
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the command."""
     parser.add_argument(
-        'source', metavar='IN', type=Path, help='recording of the arm held straight, or with --self of motion'
+        'source',
+        metavar='IN',
+        nargs='+',
+        help='recording of the arm held straight, or with --self of motion; or the log of each IMU, in the order of '
+        'imus.ids or as ID=FILE',
     )
     add_config(parser)
     parser.add_argument(
@@ -50,17 +54,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Learn, report, write."""
     from sesa2.bags.recorded_sweeps import read_sweeps
+    from sesa2.bags.sensor_logs import assign_logs
 
     c = load_config(options)
     if options.out.exists():
         raise Sesa2Error(f'{options.out}: exists already, expected the name of a new configuration')
-    sweeps = read_sweeps(options.source, c, options.first_id)
+    source = assign_logs(options.source, c.imus.all_ids)
+    sweeps = read_sweeps(source, c, options.first_id)
     warn(sweeps.problems)
     t = (sweeps.stamps_ns - sweeps.stamps_ns[0]) / NS
     chosen = (t >= options.start) & (t < options.start + options.duration)
     if not chosen.any():
         raise Sesa2Error(
-            f'{options.source}: no sweep from {options.start:g} s on; the recording has {t[-1]:.1f} s'
+            f'{" ".join(options.source)}: no sweep from {options.start:g} s on; the recording has {t[-1]:.1f} s'
         )
     learn = _from_motion if options.motion else _from_straight_pose
     mountings, headings = learn(

@@ -10,7 +10,10 @@ from sesa2.commands.arguments import add_config, load_config, names, progress, w
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the command."""
     parser.add_argument(
-        'source', metavar='IN', type=Path, help='a ROS 2 bag, or a ROS 1 bag of the predecessor'
+        'source',
+        metavar='IN',
+        nargs='+',
+        help='a recording; or the log of each IMU, in the order of imus.ids or as ID=FILE',
     )
     add_config(parser)
     parser.add_argument('--out', required=True, type=Path, help='bag to write; must not exist')
@@ -25,11 +28,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Replay, and say what was read, left out and written."""
     from sesa2.bags.replay import replay
+    from sesa2.bags.sensor_logs import assign_logs
 
+    configuration = load_config(options)
+    source = assign_logs(options.source, configuration.imus.all_ids)
     began = time.perf_counter()
     summary = replay(
-        options.source,
-        load_config(options),
+        source,
+        configuration,
         options.out,
         models=options.models,
         first_id=options.first_id,

@@ -75,6 +75,11 @@ class Imus:
         'header', "time of a sample: its message's stamp, or its arrival", choices=('header', 'arrival')
     )
     latency: float = parameter(0.0, 'delay of the sensors, s, taken off the stamps', low=0.0, high=1.0)
+    fusion: str = parameter(
+        'none',
+        'orientations as measured, or from angular velocity and acceleration (6d) and magnetic field (9d)',
+        choices=('none', '6d', '9d'),
+    )
     heading_filter: bool = parameter(False, 'correct slow heading drift while running')
 
     @property

@@ -8,10 +8,16 @@ import numpy as np
 
 from sesa2.errors import Sesa2Error
 from sesa2.messages.cdr import CdrLayout
+from sesa2.shape.rotations import FloatArray
 from sesa2.time import NS
 
 TYPE = 'sensor_msgs/msg/Imu'
 _SHORTEST = 16  # bytes that tell the layout
+# Orientation (4), covariance (9), angular velocity (3), covariance (9), linear acceleration (3), covariance (9).
+N_NUMBERS = 37
+ANGULAR_VELOCITY, ACCELERATION = slice(13, 16), slice(25, 28)
+# Where a covariance begins with −1, what it is of is absent (REP-145).
+NO_ORIENTATION_AT, _NO_ANGULAR_VELOCITY, _NO_ACCELERATION = 4, 16, 28
 
 
 class ImuSample(NamedTuple):
@@ -24,8 +30,76 @@ class ImuSample(NamedTuple):
     w: float
 
 
+class ImuNumbers(NamedTuple):
+    """What messages hold.
+
+    Attributes
+    ----------
+    stamps_ns : (n,)
+        ns.
+    values : (n, 37)
+        each message's numbers, in the order of its definition.
+    readable : (n,)
+        false where it is no message of an IMU.
+    """
+
+    stamps_ns: np.ndarray
+    values: FloatArray
+    readable: np.ndarray
+
+    @property
+    def orientations(self) -> FloatArray:
+        """q_WS, (n, 4), x y z w; all zero where the driver says that there is none."""
+        there = self.has_orientation
+        return self.values[:, :4] if there.all() else np.where(there[:, None], self.values[:, :4], 0.0)
+
+    @property
+    def angular_velocities(self) -> FloatArray:
+        """In the sensor's axes, (n, 3), rad/s."""
+        return self.values[:, ANGULAR_VELOCITY]
+
+    @property
+    def accelerations(self) -> FloatArray:
+        """With gravity, in the sensor's axes, (n, 3), m/s²."""
+        return self.values[:, ACCELERATION]
+
+    @property
+    def has_orientation(self) -> np.ndarray:
+        """Whether the driver does not say that there is no orientation, (n,)."""
+        return self.values[:, NO_ORIENTATION_AT] != -1.0
+
+    @property
+    def has_inertial(self) -> np.ndarray:
+        """Whether there are angular velocity and acceleration, (n,)."""
+        absent = self.values[:, [_NO_ANGULAR_VELOCITY, _NO_ACCELERATION]] == -1.0
+        return ~absent.any(axis=1) & self.accelerations.any(axis=1)
+
+
+def is_inertial(values: Sequence[float]) -> bool:
+    """Whether the 37 numbers of a message hold an angular velocity and an acceleration."""
+    absent = values[_NO_ANGULAR_VELOCITY] == -1.0 or values[_NO_ACCELERATION] == -1.0
+    return not absent and any(values[ACCELERATION])
+
+
 def read_imu(data: bytes) -> ImuSample:
-    """Read stamp and orientation.
+    """Read stamp and orientation; the orientation is all zero where the driver says that there is none.
+
+    Parameters
+    ----------
+    data
+        the serialised message, either byte order.
+
+    Raises
+    ------
+    Sesa2Error
+        it is too short to be one.
+    """
+    stamp_ns, values = read_imu_values(data)
+    return ImuSample(stamp_ns, *(values[:4] if values[NO_ORIENTATION_AT] != -1.0 else (0.0, 0.0, 0.0, 0.0)))
+
+
+def read_imu_values(data: bytes) -> tuple[int, tuple[float, ...]]:
+    """Read stamp, ns, and all 37 numbers, in the order of the definition.
 
     Parameters
     ----------
@@ -41,25 +115,21 @@ def read_imu(data: bytes) -> ImuSample:
         order = '<' if data[1] & 1 else '>'
         seconds, nanoseconds, length = struct.unpack_from(f'{order}iII', data, 4)
         at = 4 + (12 + length + 7) // 8 * 8
-        return ImuSample(seconds * NS + nanoseconds, *struct.unpack_from(f'{order}4d', data, at))
+        return seconds * NS + nanoseconds, struct.unpack_from(f'{order}{N_NUMBERS}d', data, at)
     except (IndexError, struct.error):
         raise _too_short(data) from None
 
 
-def read_imus(data: Sequence[bytes]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Read stamps and orientations of many messages.
+def read_imus(data: Sequence[bytes]) -> ImuNumbers:
+    """Read many messages.
 
     Parameters
     ----------
     data
         the serialised messages, as in `read_imu`.
-
-    Returns
-    -------
-    stamps_ns : (n,), int64, orientations : (n, 4) and readable : (n,), false where it is no message of an IMU.
     """
     n = len(data)
-    stamps, orientations = np.zeros(n, np.int64), np.zeros((n, 4))
+    stamps, values = np.zeros(n, np.int64), np.empty((n, N_NUMBERS))
     readable = np.ones(n, dtype=bool)
     sizes = np.fromiter(map(len, data), np.int64, n)
     for size in np.unique(sizes).tolist():
@@ -72,17 +142,21 @@ def read_imus(data: Sequence[bytes]) -> tuple[np.ndarray, np.ndarray, np.ndarray
             and (raw[:, [1, 12, 13, 14, 15]] == raw[0, [1, 12, 13, 14, 15]]).all()
         ):
             at = 4 + (12 + int(raw[0, 12:16].view('<u4')[0]) + 7) // 8 * 8
-            if at + 32 <= size:
+            if at + 8 * N_NUMBERS <= size:
                 seconds, nanoseconds = raw[:, 4:12].copy().view('<u4').T
                 stamps[rows] = seconds.astype('<i4').astype(np.int64) * NS + nanoseconds
-                orientations[rows] = raw[:, at : at + 32].copy().view('<f8')
+                numbers = raw[:, at : at + 8 * N_NUMBERS].copy().view('<f8')
+                if len(rows) == n:
+                    values = numbers
+                else:
+                    values[rows] = numbers
                 continue
         for k in rows.tolist():
             try:
-                stamps[k], *orientations[k] = read_imu(data[k])
+                stamps[k], values[k] = read_imu_values(data[k])
             except Sesa2Error:
-                readable[k] = False
-    return stamps, orientations, readable
+                values[k], readable[k] = 0.0, False
+    return ImuNumbers(stamps, values, readable)
 
 
 def without_acceleration(data: bytes) -> bytes:
@@ -116,12 +190,8 @@ def _too_short(data: bytes) -> Sesa2Error:
 class ImuMessages:
     """Makes the messages of one IMU, as REP-145 wants them: covariance unknown, absent fields −1 first."""
 
-    # orientation (4), covariance (9), angular velocity (3), covariance (9), linear acceleration (3), covariance (9)
-    _N = 37
-    _NO_ANGULAR_VELOCITY, _ACCELERATION, _NO_ACCELERATION = 16, slice(25, 28), 28
-
     def __init__(self, frame_id: str):
-        self._template = CdrLayout().header(frame_id).doubles(self._N).template()
+        self._template = CdrLayout().header(frame_id).doubles(N_NUMBERS).template()
 
     def make(self, stamp_ns: int, orientation: np.ndarray, acceleration: np.ndarray | None = None) -> bytes:
         """One message.
@@ -137,16 +207,45 @@ class ImuMessages:
         """
         values = self._values(np.asarray(orientation, dtype=float)[None])
         if acceleration is not None:
-            values[0, self._NO_ACCELERATION] = 0.0
-            values[0, self._ACCELERATION] = acceleration
+            values[0, _NO_ACCELERATION] = 0.0
+            values[0, ACCELERATION] = acceleration
         return self._template.make(np.array([stamp_ns]), values)[0].tobytes()
 
     def make_many(self, stamps_ns: np.ndarray, orientations: np.ndarray) -> np.ndarray:
         """Messages without acceleration at stamps (n,), ns, of q_WS (n, 4): a message a row, (n, size), uint8."""
         return self._template.make(stamps_ns, self._values(orientations))
 
+    def make_raw(
+        self,
+        stamps_ns: np.ndarray,
+        angular_velocities: FloatArray,
+        accelerations: FloatArray,
+        orientations: FloatArray | None = None,
+    ) -> np.ndarray:
+        """Messages of an IMU without orientation, unless there is one too.
+
+        Parameters
+        ----------
+        stamps_ns : (n,)
+            ns.
+        angular_velocities, accelerations : (n, 3)
+            rad/s and, with gravity, m/s², in the sensor's axes.
+        orientations : (n, 4)
+            q_WS, x y z w.
+
+        Returns
+        -------
+        A message a row, (n, size), uint8.
+        """
+        absent = np.broadcast_to([0.0, 0.0, 0.0, 1.0], (len(stamps_ns), 4))
+        values = self._values(absent if orientations is None else orientations)
+        values[:, NO_ORIENTATION_AT] = -1.0 if orientations is None else 0.0
+        values[:, [_NO_ANGULAR_VELOCITY, _NO_ACCELERATION]] = 0.0
+        values[:, ANGULAR_VELOCITY], values[:, ACCELERATION] = angular_velocities, accelerations
+        return self._template.make(stamps_ns, values)
+
     def _values(self, orientations: np.ndarray) -> np.ndarray:
-        values = np.zeros((len(orientations), self._N))
+        values = np.zeros((len(orientations), N_NUMBERS))
         values[:, :4] = orientations
-        values[:, [self._NO_ANGULAR_VELOCITY, self._NO_ACCELERATION]] = -1.0
+        values[:, [_NO_ANGULAR_VELOCITY, _NO_ACCELERATION]] = -1.0
         return values

@@ -40,6 +40,11 @@ def imu_frame(c: Configuration, imu_id: int) -> str:
     return c.frame(imu_name(imu_id))
 
 
+def imu_field(imu_id: int) -> str:
+    """Topic of the magnetic field beside an IMU without orientation, sensor_msgs/MagneticField."""
+    return f'{imu_name(imu_id)}/mag'
+
+
 def imu_calibration(imu_id: int) -> str:
     """Topic of an IMU's scores and offsets, sesa2_msgs/ImuCalibration."""
     return f'{imu_name(imu_id)}/calibration'

@@ -11,7 +11,7 @@ from geometry_msgs.msg import PoseArray, PoseStamped
 from nav_msgs.msg import Path
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.parameter import Parameter
-from sensor_msgs.msg import Imu, JointState
+from sensor_msgs.msg import Imu, JointState, MagneticField
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 from visualization_msgs.msg import MarkerArray
@@ -24,10 +24,11 @@ from sesa2.estimation.arrivals import lag_in_words
 from sesa2.estimation.estimator import Estimate, Estimator
 from sesa2.estimation.stuck import stuck_in_words, stuck_spans
 from sesa2.estimation.sweeps import Sweep
-from sesa2.messages.imu_messages import read_imu
+from sesa2.messages.orientation_intake import OrientationIntake, unaligned_headings
 from sesa2.messages.results import TYPES, ResultMessages
 from sesa2.messages.robot import describe_robot
-from sesa2.messages.topic_names import CONFIGURATION, imu_name, imu_topics, of_model
+from sesa2.messages.stamps import read_stamp, with_stamp
+from sesa2.messages.topic_names import CONFIGURATION, imu_field, imu_name, imu_topics, of_model
 from sesa2.ros.confined_node import ConfinedNode
 from sesa2.ros.diagnostics import ERROR, OK, WARN, Diagnostics, Part
 from sesa2.ros.parameters import declare_configuration, origin_of
@@ -62,6 +63,8 @@ class EstimatorNode(ConfinedNode):
 
     Attributes
     ----------
+    intake
+        makes orientations of the IMUs' messages.
     latest
         the newest estimate, of one sweep.
     aligned
@@ -81,6 +84,8 @@ class EstimatorNode(ConfinedNode):
         self._saved = ''  # as written last
         self._estimator = Estimator(self.configuration)
         self.assembler = self._estimator.assembler()
+        used_ids = self.configuration.imus.used_ids
+        self.intake = OrientationIntake(self.configuration.imus.fusion, used_ids)
         self.latest: Estimate | None = None
         self.aligned: Configuration | None = None
         self.n_sweeps = 0
@@ -108,6 +113,15 @@ class EstimatorNode(ConfinedNode):
             for index, i in enumerate(self._ids)
             if i in imus.used_ids
         ]
+        if self.intake.wants_fields:
+            self._subscriptions_of_imus += [
+                self.create_subscription(
+                    MagneticField, imu_field(i), partial(self._take_field, i), qos, raw=True
+                )
+                for i in imus.used_ids
+            ]
+        self._last_refused = Counter[int]()
+        self._told_refused: set[int] = set()
         self.received = Counter[int]()
         self.unstamped = Counter[int]()
         self._told_against_base = False
@@ -138,12 +152,14 @@ class EstimatorNode(ConfinedNode):
             self.received[imu] += 1
             arrival_ns = self._listening_clock()
             try:
-                sample = read_imu(data)
+                if by_arrival or not read_stamp(data):
+                    data = with_stamp(data, self._time_of_arrival(imu, read_stamp(data)))
+                sample = self.intake.take(imu, data)
             except Sesa2Error:
                 self._unreadable += 1
                 return
-            if by_arrival or not sample.stamp_ns:
-                sample = sample._replace(stamp_ns=self._time_of_arrival(imu, sample.stamp_ns))
+            if sample is None:
+                return
             for sweep in add(index, *sample, arrival_ns):
                 self._publish(sweep)
 
@@ -168,6 +184,12 @@ class EstimatorNode(ConfinedNode):
                 self.get_logger().warning(f'IMU {imu}: {_NO_STAMP}')
             self.unstamped[imu] += 1
         return int(self.get_clock().now().nanoseconds)
+
+    def _take_field(self, imu: int, data: bytes) -> None:
+        try:
+            self.intake.take_field(imu, data)
+        except Sesa2Error:
+            self._unreadable += 1
 
     def _listening_clock(self) -> int:
         """For how long this node has listened, ns: while it is held up, messages wait in their queues unheard."""
@@ -304,6 +326,7 @@ class EstimatorNode(ConfinedNode):
         elapsed = now - before[0]
         alive, lags = self.assembler.alive, self.assembler.arrivals.lags
         base_id = self.configuration.imus.base_id
+        refused = self.intake.refused
         no_base = False
         stuck = self._stuck_now()
         parts: list[Part] = []
@@ -328,11 +351,21 @@ class EstimatorNode(ConfinedNode):
                 level, text = WARN, stuck_in_words(stuck[index])
             if self.unstamped[imu]:
                 level, text = max(level, WARN), f'{text}; {_NO_STAMP}'
+            n_refused = sum(refused.get(imu, Counter()).values())
+            if n_refused - self._last_refused[imu] > (self.received[imu] - before[1][imu]) // 2:
+                level, text = max(level, WARN), f'{rate:.1f} Hz, of no use: {self.intake.why(imu)}'
+                if imu not in self._told_refused:
+                    self._told_refused.add(imu)
+                    self.get_logger().warning(f'IMU {imu}: {self.intake.why(imu)}')
+            self._last_refused[imu] = n_refused
             if index in lags:
                 level, text = max(level, WARN), f'{text}; {lag_in_words(lags[index])}'
             parts.append((imu_name(imu), level, text, {'rate_hz': f'{rate:.1f}', 'publishers': publishers}))
         sweeps = (self.n_sweeps - before[2]) / elapsed
         dropped = {f'dropped: {reason}': n for reason, n in self.assembler.dropped.items()}
+        for reasons in refused.values():
+            for reason, n in reasons.items():
+                dropped[f'dropped: {reason}'] = dropped.get(f'dropped: {reason}', 0) + n
         counts = {
             'sweeps': self.n_sweeps,
             'resets': self.assembler.resets,
@@ -348,6 +381,9 @@ class EstimatorNode(ConfinedNode):
         if self._recent and (doubt := self._compared_with_base()):
             level, text = max(level, WARN), f'{text}; {doubt}'
         parts.append(('sweeps', level, text, counts))
+        imus = self.configuration.imus
+        if doubts := [*unaligned_headings(imus.fusion, imus.headings), *self.intake.doubts]:
+            parts.append(('fusion', WARN, '; '.join(doubts), {}))
         for name, n in self._near_singular.items():
             if n:
                 text = f'{n} sweeps with a joint beyond 80° about z: joint angles are near their singularity'

@@ -6,14 +6,14 @@ from collections.abc import Iterator
 from typing import Any
 
 from rosgraph_msgs.msg import Clock
-from sensor_msgs.msg import Imu
+from sensor_msgs.msg import Imu, MagneticField
 
-from sesa2.bags.reading import ImuRecording, Sample
+from sesa2.bags.reading import FieldMessage, ImuRecording, Sample
 from sesa2.bags.recording import open_recording
 from sesa2.configuration import ConfigurationError, Mistake
 from sesa2.errors import Sesa2Error
 from sesa2.estimation.time_steps import BACK_NS
-from sesa2.messages.topic_names import CLOCK, imu_data, imu_topics
+from sesa2.messages.topic_names import CLOCK, imu_data, imu_field, imu_topics
 from sesa2.ros.confined_node import ConfinedNode
 from sesa2.ros.diagnostics import OK, Diagnostics, Part
 from sesa2.ros.parameters import declare_configuration
@@ -50,8 +50,15 @@ class Player(ConfinedNode):
         self._publishers_of_imus = {
             i: self.create_publisher(Imu, topics.get(i) or imu_data(i), STREAM) for i in self._imus.counts
         }
-        used = self.configuration.imus.used_ids
-        self._awaited = [p for i, p in self._publishers_of_imus.items() if i in used]
+        self._publishers_of_fields = {
+            i: self.create_publisher(MagneticField, imu_field(i), STREAM) for i in self._imus.field_ids
+        }
+        imus = self.configuration.imus
+        listened_to = [
+            self._publishers_of_imus,
+            *([self._publishers_of_fields] if imus.fusion == '9d' else []),
+        ]
+        self._awaited = [p for publishers in listened_to for i, p in publishers.items() if i in imus.used_ids]
         self._clock_publisher = self.create_publisher(Clock, CLOCK, 10) if self._run.clock else None
         self._clock_ns = 0
         self.n_played = self._rounds = 0
@@ -93,7 +100,12 @@ class Player(ConfinedNode):
     def _play_once(self) -> int:
         """Play the recording once; the number of samples."""
         n = 0
+        fields = self._fields()
+        field = next(fields, None)
         for sample, wait_s in self._paced():
+            while field and field.log_ns <= sample.log_ns:
+                self._publishers_of_fields[field.id].publish(field.data)
+                field = next(fields, None)
             if wait_s > 0.0 and self._stop.wait(wait_s):
                 break
             self._publishers_of_imus[sample.id].publish(sample.data)
@@ -101,6 +113,12 @@ class Player(ConfinedNode):
             n += 1
             self.n_played += 1
         return n
+
+    def _fields(self) -> Iterator[FieldMessage]:
+        """Magnetic fields beside the IMUs, read apart from these."""
+        if self._imus.field_ids:
+            with open_recording(self._run.bag) as recording:
+                yield from ImuRecording(recording).fields()
 
     def _paced(self) -> Iterator[tuple[Sample, float]]:
         """Each sample after the start, and how long to wait before it, s."""

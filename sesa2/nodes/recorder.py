@@ -8,16 +8,17 @@ from typing import Any
 from geometry_msgs.msg import PoseArray, PoseStamped
 from nav_msgs.msg import Path
 from rclpy.serialization import serialize_message
-from sensor_msgs.msg import Imu, JointState
+from sensor_msgs.msg import Imu, JointState, MagneticField
 from sesa2_msgs.msg import ImuCalibration
 from std_msgs.msg import String
 
 from sesa2.bags.writing import record
 from sesa2.configuration import ConfigurationError, Mistake, files
 from sesa2.errors import Sesa2Error
+from sesa2.messages.field_messages import FIELD_TYPE
 from sesa2.messages.imu_messages import without_acceleration
 from sesa2.messages.results import TYPES
-from sesa2.messages.topic_names import CONFIGURATION, imu_calibration, imu_topics, of_model
+from sesa2.messages.topic_names import CONFIGURATION, imu_calibration, imu_field, imu_topics, of_model
 from sesa2.ros.confined_node import ConfinedNode
 from sesa2.ros.diagnostics import ERROR, OK, WARN, Diagnostics, Part
 from sesa2.ros.parameters import declare_configuration
@@ -64,6 +65,8 @@ class Recorder(ConfinedNode):
         for i, topic in imu_topics(c).items():
             if c.record.imu:
                 self._subscribe(Imu, 'sensor_msgs/msg/Imu', topic, qos)
+                if c.imus.fusion == '9d':
+                    self._subscribe(MagneticField, FIELD_TYPE, imu_field(i), qos)
             self._subscribe(
                 ImuCalibration, 'sesa2_msgs/msg/ImuCalibration', imu_calibration(i), EVERY_LATCHED
             )
@@ -84,7 +87,9 @@ class Recorder(ConfinedNode):
 
     def _subscribe(self, kind: type, type_name: str, topic: str, qos: Any) -> None:
         number = self._bag.add_topic(self._absolute(topic), type_name, latched=qos is EVERY_LATCHED)
-        if kind is Imu and not self.configuration.record.acceleration:
+        c = self.configuration
+        # What is fused on the host is wanted when the recording is replayed.
+        if kind is Imu and not c.record.acceleration and c.imus.fusion == 'none':
             self._stripped.add(number)
         self.create_subscription(kind, topic, functools.partial(self._write, number), qos, raw=True)
 

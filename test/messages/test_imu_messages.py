@@ -19,12 +19,13 @@ def test_many_are_read_as_one_by_one_and_as_rosbags_does():
         data.append(one)
         expected.append((stamp, *q))
     data[50], data[51], data[52] = b'', data[51][:20], data[52][:3]
-    stamps, q, readable = read_imus(data)
+    stamps, q, readable = read_imus(data).stamps_ns, read_imus(data).orientations, read_imus(data).readable
     assert np.flatnonzero(~readable).tolist() == [50, 51, 52]
     for k in np.flatnonzero(readable).tolist():
         assert (stamps[k], *q[k]) == expected[k] == tuple(read_imu(data[k]))
 
 
 def test_none_are_none():
-    stamps, q, readable = read_imus([])
+    none = read_imus([])
+    stamps, q, readable = none.stamps_ns, none.orientations, none.readable
     assert (stamps.shape, q.shape, readable.shape) == ((0,), (0, 4), (0,))

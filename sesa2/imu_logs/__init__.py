@@ -1,0 +1,1 @@
+"""Logs of one file a sensor, as the makers of IMUs write them."""

@@ -1,0 +1,221 @@
+"""Orientations out of the IMUs' messages: as a driver measured them, or fused here from what it did measure."""
+
+from collections import Counter, defaultdict
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from sesa2.messages.field_messages import read_field
+from sesa2.messages.imu_messages import (
+    ACCELERATION,
+    ANGULAR_VELOCITY,
+    NO_ORIENTATION_AT,
+    ImuSample,
+    is_inertial,
+    read_imu_values,
+    read_imus,
+)
+from sesa2.sensing.imu.host_fusion import HostFusion
+from sesa2.shape.rotations import FloatArray
+
+NO_ORIENTATION = 'the driver says that it gives no orientation (orientation_covariance[0] is −1)'
+NOTHING_TO_FUSE = 'the driver gives no angular velocity or no acceleration, which imus.fusion needs'
+
+
+def unaligned_headings(fusion: str, headings: Sequence[float]) -> list[str]:
+    """What has to be said where headings that mean nothing yet are taken as they are, for people."""
+    if fusion != '6d' or any(headings):
+        return []
+    text = 'take them from the arm held straight (sesa2 align --headings; live, estimator/align_headings)'
+    return [
+        f'imus.fusion: 6d gives each IMU a heading of its own at every start; imus.headings are all 0: {text}'
+    ]
+
+
+class TakenOrientations(NamedTuple):
+    """What messages tell.
+
+    Attributes
+    ----------
+    stamps_ns : (n,)
+        ns.
+    orientations : (n, 4)
+        q_WS, x y z w.
+    readable : (n,)
+        false where it is no message of an IMU.
+    usable : (n,)
+        true where there is an orientation; it may still be none that is believed.
+    """
+
+    stamps_ns: np.ndarray
+    orientations: FloatArray
+    readable: np.ndarray
+    usable: np.ndarray
+
+
+class OrientationIntake:
+    """Stands between messages and sweeps, live and in recordings alike.
+
+    Parameters
+    ----------
+    fusion
+        none, 6d or 9d, as in `imus.fusion`.
+    ids
+        of the IMUs that are used.
+
+    Attributes
+    ----------
+    refused
+        number of samples without orientation of each IMU, by id and reason.
+
+    Raises
+    ------
+    Sesa2Error
+        fusion is wanted, and vqf is not installed.
+    """
+
+    def __init__(self, fusion: str, ids: Sequence[int]):
+        self.wants_fields = fusion == '9d'
+        self._filters = (
+            {} if fusion == 'none' else {i: HostFusion(magnetometer=self.wants_fields) for i in ids}
+        )
+        self._ids = list(ids)
+        self.fuses = fusion != 'none'
+        self._own: Counter[tuple[int, str]] = Counter()
+        self._has_inertial: set[int] = set()
+
+    @property
+    def refused(self) -> dict[int, Counter[str]]:
+        """Number of samples without orientation, by id and reason."""
+        found: dict[int, Counter[str]] = defaultdict(Counter)
+        for (imu, reason), n in self._own.items():
+            found[imu][reason] += n
+        for imu, one in self._filters.items():
+            if one.refused:
+                found[imu].update(one.refused)
+        return dict(sorted(found.items()))
+
+    @property
+    def reasons(self) -> list[str]:
+        """How many samples were refused and why, and what to do, for people."""
+        by_reason: Counter[str] = Counter()
+        ids: dict[str, list[int]] = defaultdict(list)
+        for imu, reasons in self.refused.items():
+            by_reason.update(reasons)
+            for reason in reasons:
+                ids[reason].append(imu)
+        return [
+            f'{n} samples not used: {reason}{self._remedy(reason, ids[reason])}'
+            for reason, n in by_reason.items()
+        ]
+
+    @property
+    def doubts(self) -> list[str]:
+        """What looks wrong with what is fused, for people."""
+        return [
+            f'IMU {imu}: {doubt}' for imu, one in sorted(self._filters.items()) for doubt in one.doubts
+        ] + [
+            f'IMU {imu}: its fusion began anew {one.restarts} times, after pauses or steps of time'
+            for imu, one in sorted(self._filters.items())
+            if one.restarts
+        ]
+
+    def why(self, imu: int) -> str:
+        """Why most samples of an IMU were refused, and what to do; empty where none was."""
+        reasons = self.refused.get(imu)
+        if not reasons:
+            return ''
+        reason = reasons.most_common(1)[0][0]
+        return reason + self._remedy(reason, [imu])
+
+    def _remedy(self, reason: str, ids: Sequence[int]) -> str:
+        if reason != NO_ORIENTATION:
+            return ''
+        if self._has_inertial.issuperset(ids):
+            return (
+                '; it gives angular velocity and acceleration, which imus.fusion: 6d makes an orientation of'
+            )
+        return '; without angular velocity and acceleration none can be made of it'
+
+    def take_field(self, imu: int, data: bytes) -> None:
+        """Take a sensor_msgs/MagneticField in CDR.
+
+        Raises
+        ------
+        Sesa2Error
+            it is too short to be one.
+        """
+        if imu in self._filters:
+            self._filters[imu].add_field(*read_field(data))
+
+    def take(self, imu: int, data: bytes) -> ImuSample | None:
+        """Take a sensor_msgs/Imu in CDR; its sample, None where it has no orientation, which `refused` counts.
+
+        Raises
+        ------
+        Sesa2Error
+            it is too short to be one.
+        """
+        stamp_ns, values = read_imu_values(data)
+        reason = ''
+        orientation: Sequence[float] = values[:4]
+        if not self.fuses:
+            if values[NO_ORIENTATION_AT] == -1.0:
+                reason = NO_ORIENTATION
+                self._note_inertial(imu, values)
+        elif not is_inertial(values):
+            reason = NOTHING_TO_FUSE
+        else:
+            fused = self._filters[imu].add(
+                stamp_ns, np.array(values[ANGULAR_VELOCITY]), np.array(values[ACCELERATION])
+            )
+            if fused is None:
+                return None
+            orientation = fused.tolist()
+        if reason:
+            self._own[imu, reason] += 1
+            return None
+        return ImuSample(stamp_ns, *orientation)
+
+    def _note_inertial(self, imu: int, values: Sequence[float]) -> None:
+        if is_inertial(values):
+            self._has_inertial.add(imu)
+
+    def take_many(self, ids: np.ndarray, data: Sequence[bytes]) -> TakenOrientations:
+        """Take messages, in the order in which they came.
+
+        Parameters
+        ----------
+        ids : (n,)
+            of the IMUs.
+        data
+            each a sensor_msgs/Imu in CDR.
+        """
+        read = read_imus(data)
+        ours = np.isin(ids, self._ids) & read.readable
+        if not self.fuses:
+            absent = ~read.has_orientation
+            if not absent.any():
+                return TakenOrientations(read.stamps_ns, read.orientations, read.readable, read.readable)
+            refused = ours & absent
+            self._own.update((i, NO_ORIENTATION) for i in ids[refused].tolist())
+            self._has_inertial.update(ids[refused & read.has_inertial].tolist())
+            return TakenOrientations(
+                read.stamps_ns, read.orientations, read.readable, read.readable & ~absent
+            )
+        # Of IMUs that are not used nobody asks.
+        orientations = np.where(np.isin(ids, self._ids)[:, None], np.nan, np.zeros(4))
+        self._own.update((i, NOTHING_TO_FUSE) for i in ids[ours & ~read.has_inertial].tolist())
+        for imu, one in self._filters.items():
+            rows = np.flatnonzero(ours & read.has_inertial & (ids == imu))
+            if len(rows):
+                orientations[rows] = one.add_many(
+                    read.stamps_ns[rows], read.angular_velocities[rows], read.accelerations[rows]
+                )
+        return TakenOrientations(
+            read.stamps_ns,
+            orientations,
+            read.readable,
+            read.readable & np.isfinite(orientations).all(axis=1),
+        )
