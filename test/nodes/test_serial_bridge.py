@@ -456,7 +456,7 @@ def test_the_port_is_held_by_another_program(graph, bridge_on, still_board):
 def test_the_board_speaks_another_version(graph, bridge_on, boards):
     board = boards(arm_of(validate(values('')), halted(STILL)), version=9)
     message = fails(graph, bridge_on(board.path))
-    assert 'the board speaks protocol version 9, this package version 1' in message
+    assert 'the board speaks protocol version 9, this package version 2' in message
 
 
 def test_nobody_answers(graph, bridge_on, still_board):
@@ -466,7 +466,7 @@ def test_nobody_answers(graph, bridge_on, still_board):
 
 @pytest.mark.parametrize('fault', ['absent', 'busy', 'version'])
 def test_as_a_program_a_start_that_is_impossible_ends_with_1_and_why(boards, tmp_path, fault):
-    board = boards(arm_of(validate(values('')), halted(STILL)), version=9 if fault == 'version' else 1)
+    board = boards(arm_of(validate(values('')), halted(STILL)), version=9 if fault == 'version' else 2)
     other = SerialPort(board.path, 500_000) if fault == 'busy' else None
     port = str(tmp_path / 'nothing') if fault == 'absent' else board.path
     config = tmp_path / 'arm.yaml'
