@@ -151,6 +151,14 @@ def test_defaults_are_filled_in_per_imu():
         ({'rigid__boundaries': [0.1, 0.2]}, 'rigid: boundaries has 2 entries, expected 1'),
         ({'run__source': 'bag'}, "run.bag: is empty, and the source is 'bag'"),
         ({'run__mode': 'calibrate'}, "calibration.file: is empty, and the mode is 'calibrate'"),
+        (
+            {'serial__magnetometer': True},
+            "serial.magnetometer: is true, which needs serial.fusion RAW, got 'NDOF'",
+        ),
+        (
+            {'serial__fusion': 'RAW', 'run__mode': 'calibrate', 'calibration__file': 'f.yaml'},
+            "serial.fusion: got 'RAW', which has no scores to calibrate by",
+        ),
         ({'serial__rate_hz': 200}, 'serial.rate_hz: got 200, expected 1 to 100'),
     ],
 )
