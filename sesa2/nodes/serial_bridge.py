@@ -62,9 +62,7 @@ class SerialBridge(ConfinedNode):
         self._field_messages = {i: FieldMessages(imu_name(i)) for i in self._ids}
         magnetometer = c.imus.fusion == '9d'
         self._field_publishers = {
-            i: self.create_publisher(MagneticField, imu_field(i), STREAM)
-            for i in self._ids
-            if magnetometer
+            i: self.create_publisher(MagneticField, imu_field(i), STREAM) for i in self._ids if magnetometer
         }
         self._calibration_publishers = {
             i: self.create_publisher(ImuCalibration, imu_calibration(i), LATCHED) for i in self._ids

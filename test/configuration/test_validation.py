@@ -152,8 +152,12 @@ def test_defaults_are_filled_in_per_imu():
         ({'run__source': 'bag'}, "run.bag: is empty, and the source is 'bag'"),
         ({'run__mode': 'calibrate'}, "calibration.file: is empty, and the mode is 'calibrate'"),
         (
-            {'serial__magnetometer': True},
-            "serial.magnetometer: is true, which needs serial.fusion RAW, got 'NDOF'",
+            {'serial__fusion': 'RAW'},
+            "serial.fusion: got 'RAW', which gives no orientations by itself, expected imus.fusion 6d or 9d",
+        ),
+        (
+            {'imus__fusion': '9d', 'run__source': 'serial'},
+            "imus.fusion: got '9d', and the chips fuse by themselves (serial.fusion: NDOF)",
         ),
         (
             {'serial__fusion': 'RAW', 'run__mode': 'calibrate', 'calibration__file': 'f.yaml'},

@@ -61,7 +61,7 @@ def test_raw_measurements_are_recorded_whole(graph, configured, boards, tmp_path
     """Acceleration, which is left out beside orientations, is half of them."""
     given = values(tmp_path / 'raw')
     board = boards(arm_of(validate(given)))
-    given['serial'] = {'port': board.path, 'fusion': 'RAW', 'magnetometer': True}
+    given['serial'], given['imus']['fusion'] = {'port': board.path, 'fusion': 'RAW'}, '9d'
     recorder = graph.add(Recorder(parameter_overrides=configured(given)))
     graph.add(SerialBridge(parameter_overrides=configured(given)))
     graph.until(lambda: recorder.n_messages > 100, 'messages')

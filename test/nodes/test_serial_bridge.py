@@ -136,7 +136,7 @@ def test_acceleration_on_demand(graph, bridge_on, still_board):
 
 
 def test_raw_measurements_as_rep_145_wants_them(graph, bridge_on, still_board):
-    bridge_on(still_board.path, serial={'fusion': 'RAW', 'magnetometer': True})
+    bridge_on(still_board.path, serial={'fusion': 'RAW'}, imus={'fusion': '9d'})
     diagnosis = graph.diagnosis()
     messages = {i: graph.listen(Imu, f'imu_{i}/data', STREAM) for i in IDS}
     fields = {i: graph.listen(MagneticField, f'imu_{i}/mag', STREAM) for i in IDS}
@@ -149,7 +149,7 @@ def test_raw_measurements_as_rep_145_wants_them(graph, bridge_on, still_board):
         for message in messages[i]:
             assert message.header.frame_id == f'imu_{i}'
             assert message.orientation_covariance[0] == -1.0
-            assert not orientation(message).any()
+            assert orientation(message).tolist() == [0.0, 0.0, 0.0, 1.0]  # which says nothing
             assert message.angular_velocity_covariance[0] == message.linear_acceleration_covariance[0] == 0.0
             w, a = message.angular_velocity, message.linear_acceleration
             assert (w.x, w.y, w.z) == (0.0, 0.0, 0.0)  # it holds still
@@ -166,7 +166,7 @@ def test_raw_measurements_as_rep_145_wants_them(graph, bridge_on, still_board):
 def test_raw_angular_velocity_is_that_of_the_motion(graph, bridge_on, boards):
     """Summed up, the turns that the gyroscope tells are those that the arm makes."""
     board = boards(arm_of(validate(values(''))))
-    bridge_on(board.path, serial={'fusion': 'RAW'})
+    bridge_on(board.path, serial={'fusion': 'RAW'}, imus={'fusion': '6d'})
     messages = graph.listen(Imu, 'imu_5/data', STREAM)
     graph.until(lambda: len(messages) >= 800, '8 s of messages')  # it holds still for the first 3
     stamps = np.array([stamp_ns(m) for m in messages])

@@ -2,7 +2,7 @@
 
 The model is m = T s + b: of the true specific force s the sensor says m. Corrected against the thesis: its bias, the
 mean over all poses, is right only where these are balanced, so that here bias and T are fitted together; its T of
-eq. 4.2 leads from true to measured, so that eq. 4.3 needs the inverse; and it takes for granted that the poses are exact.
+eq. 4.2 leads from true to measured, so that eq. 4.3 needs the inverse; and it takes exact poses for granted.
 """
 
 from dataclasses import dataclass
