@@ -123,7 +123,7 @@ class SerialBridge(ConfinedNode):
     def _load(self, c: Configuration) -> dict[int, Offsets]:
         """The saved offsets; a calibration that makes a new file may begin without one."""
         path = Path(c.calibration.file)
-        if not c.calibration.file:
+        if not c.calibration.file or c.serial.fusion == 'RAW':  # without fusion the chips use none
             return {}
         if not offsets_are_there(path):
             if c.run.mode == 'calibrate':

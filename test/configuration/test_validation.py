@@ -159,10 +159,6 @@ def test_defaults_are_filled_in_per_imu():
             {'imus__fusion': '9d', 'run__source': 'serial'},
             "imus.fusion: got '9d', and the chips fuse by themselves (serial.fusion: NDOF)",
         ),
-        (
-            {'serial__fusion': 'RAW', 'run__mode': 'calibrate', 'calibration__file': 'f.yaml'},
-            "serial.fusion: got 'RAW', which has no scores to calibrate by",
-        ),
         ({'serial__rate_hz': 200}, 'serial.rate_hz: got 200, expected 1 to 100'),
     ],
 )
