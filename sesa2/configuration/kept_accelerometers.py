@@ -1,17 +1,8 @@
 """The accelerometers' calibrations that a configuration's calibration file keeps, for fusion on the host."""
 
-from typing import NamedTuple
-
 from sesa2.configuration.records import Configuration
-from sesa2.sensing.imu.accelerometer_calibration import AccelerometerCalibration
+from sesa2.sensing.imu.accelerometer_calibration import KeptAccelerometers
 from sesa2.sensing.imu.bno055.offsets import load_accelerometers, offsets_are_there
-
-
-class KeptAccelerometers(NamedTuple):
-    """What there is by IMU id, and what is missing, for people."""
-
-    calibrations: dict[int, AccelerometerCalibration]
-    problems: tuple[str, ...] = ()
 
 
 def keep_accelerometers(c: Configuration) -> KeptAccelerometers:

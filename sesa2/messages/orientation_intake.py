@@ -6,7 +6,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sesa2.configuration.kept_accelerometers import KeptAccelerometers
 from sesa2.messages.field_messages import read_field
 from sesa2.messages.imu_messages import (
     ACCELERATION,
@@ -17,6 +16,7 @@ from sesa2.messages.imu_messages import (
     read_imu_values,
     read_imus,
 )
+from sesa2.sensing.imu.accelerometer_calibration import KeptAccelerometers
 from sesa2.sensing.imu.host_fusion import HostFusion
 from sesa2.shape.rotations import FloatArray
 

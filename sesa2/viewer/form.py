@@ -56,6 +56,7 @@ _ARM = {
         'time_alignment': 'align in time',
         'sweep_timeout': 'wait for IMUs [s]',
         'imus.latency': 'IMU latency [s]',
+        'imus.fusion': 'fusion on the host',
         'imus.heading_filter': 'heading filter',
     },
 }

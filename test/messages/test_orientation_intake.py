@@ -6,12 +6,11 @@ import numpy as np
 import pytest
 from rosbags.typesys import Stores, get_typestore
 
-from sesa2.configuration.kept_accelerometers import KeptAccelerometers
 from sesa2.errors import Sesa2Error
 from sesa2.messages.field_messages import FIELD_TYPE, FieldMessages, read_field
 from sesa2.messages.imu_messages import TYPE, ImuMessages, read_imu
 from sesa2.messages.orientation_intake import NO_ORIENTATION, NOTHING_TO_FUSE, OrientationIntake
-from sesa2.sensing.imu.accelerometer_calibration import AccelerometerCalibration
+from sesa2.sensing.imu.accelerometer_calibration import AccelerometerCalibration, KeptAccelerometers
 
 needs_vqf = pytest.mark.skipif(find_spec('vqf') is None, reason='vqf is not installed (extra raw)')
 T0 = 1_700_000_000_000_000_000

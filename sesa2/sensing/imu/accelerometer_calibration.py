@@ -6,6 +6,7 @@ eq. 4.2 leads from true to measured, so that eq. 4.3 needs the inverse; and it t
 """
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -61,6 +62,13 @@ class AccelerometerCalibration:
     def apply(self, accelerations: ArrayLike) -> FloatArray:
         """True accelerations from measured ones, (..., 3), m/s²."""
         return (np.asarray(accelerations, float) - self.bias) @ np.transpose(self.matrix)
+
+
+class KeptAccelerometers(NamedTuple):
+    """Calibrations by IMU id, and what is missing of them, for people."""
+
+    calibrations: dict[int, AccelerometerCalibration]
+    problems: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
