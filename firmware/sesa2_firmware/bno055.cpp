@@ -9,7 +9,7 @@ namespace {
 enum Register : uint8_t {
   CHIP_ID = 0x00,
   PAGE_ID = 0x07,
-  ACCELERATION = 0x08,
+  ACCELERATION = 0x08, /* the magnetic field follows at 0x0E, the angular velocity at 0x14 */
   QUATERNION = 0x20,
   CALIBRATION = 0x35,
   OPERATION_MODE = 0x3D,
@@ -64,6 +64,8 @@ i2c::Result read_offsets(uint8_t *offsets) { return read(OFFSETS, offsets, OFFSE
 i2c::Result read_quaternion(int16_t *wxyz) { return read_words(QUATERNION, wxyz, 4); }
 
 i2c::Result read_acceleration(int16_t *xyz) { return read_words(ACCELERATION, xyz, 3); }
+
+i2c::Result read_raw(int16_t *nine) { return read_words(ACCELERATION, nine, 9); }
 
 i2c::Result read_calibration(uint8_t &scores) { return read(CALIBRATION, &scores, 1); }
 

@@ -39,7 +39,8 @@ void hello(const command_t &command) {
 
 result_t configure(const uint8_t *arguments) {
   const uint8_t mask = arguments[0], rate_hz = arguments[1], mode = arguments[2], slow = arguments[3];
-  const bool mode_known = mode == bno055::IMU || mode == bno055::NDOF_FMC_OFF || mode == bno055::NDOF;
+  const bool mode_known =
+      mode == bno055::RAW || mode == bno055::IMU || mode == bno055::NDOF_FMC_OFF || mode == bno055::NDOF;
   if (rate_hz < 1 || rate_hz > 100 || !mode_known || slow > 1)
     return RESULT_BAD_ARGUMENT;
   i2c::set_slow(slow);
@@ -49,7 +50,7 @@ result_t configure(const uint8_t *arguments) {
 }
 
 result_t stream(const uint8_t *arguments) {
-  if (arguments[0] & ~(STREAM_QUATERNIONS | STREAM_ACCELERATION))
+  if (arguments[0] & ~(STREAM_QUATERNIONS | STREAM_ACCELERATION | STREAM_RAW | STREAM_MAGNETOMETER))
     return RESULT_BAD_ARGUMENT;
   sweep::set_stream(arguments[0]);
   return RESULT_OK;

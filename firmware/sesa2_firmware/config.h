@@ -5,7 +5,7 @@
 #include <stdint.h>
 
 #define FIRMWARE_MAJOR 1
-#define FIRMWARE_MINOR 0
+#define FIRMWARE_MINOR 1
 
 /* Also set by `make BAUD=...`. 500000 divides 16 MHz exactly; 115200 carries eight IMUs at 100 Hz at 82 % of the line. */
 #ifndef SESA2_BAUD

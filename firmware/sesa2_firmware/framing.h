@@ -10,7 +10,7 @@ extern "C" {
 #endif
 
 enum {
-  FRAMING_MAX_BODY = 91,                                     /* a DATA packet of eight IMUs */
+  FRAMING_MAX_BODY = 115,                                    /* a RAW packet of eight IMUs */
   FRAMING_MAX_FRAME = 1 + FRAMING_MAX_BODY + 2 + 1,          /* COBS code, body, CRC, delimiter */
   FRAMING_MAX_RECEIVED = 48                                  /* WRITE_OFFSETS, the longest command, takes 28 bytes */
 };

@@ -119,7 +119,7 @@ i2c::Result Imu::advance() {
     case START_FUSION:
       result = bno055::set_mode(mode_);
       if (result == i2c::OK)
-        go(ENTER_FUSION, bno055::TO_FUSION_MS);
+        go(ENTER_FUSION, bno055::FROM_CONFIG_MS);
       break;
 
     case ENTER_FUSION:
@@ -163,8 +163,8 @@ i2c::Result Imu::verify_offsets() {
 
 void Imu::sample(imu_sample_t &sample, Turn turn) {
   memset(sample.quaternion, 0, sizeof sample.quaternion);
-  for (int16_t &component : sample.acceleration)
-    component = NO_ACCELERATION;
+  for (uint8_t i = 0; i < 3; i++)
+    sample.acceleration[i] = sample.magnetic_field[i] = sample.angular_velocity[i] = NO_VECTOR;
 
   if (stage_ == RUNNING) {
     i2c::Result result = read_chip(sample, turn);
@@ -182,21 +182,41 @@ void Imu::sample(imu_sample_t &sample, Turn turn) {
 }
 
 i2c::Result Imu::read_chip(imu_sample_t &sample, Turn turn) {
-  i2c::Result result = multiplexer::select(channel_);
+  const i2c::Result result = multiplexer::select(channel_);
   if (result != i2c::OK)
     return result;
+  return mode_ == bno055::RAW ? read_raw(sample) : read_fused(sample, turn);
+}
+
+/* Zeros alone: the chip has not begun, or has lost its power for a moment and has booted unnoticed, into CONFIG. */
+i2c::Result Imu::check_mode() {
+  uint8_t mode;
+  const i2c::Result result = bno055::read_mode(mode);
+  if (result == i2c::OK && mode != mode_)
+    lost();
+  return result;
+}
+
+i2c::Result Imu::read_raw(imu_sample_t &sample) {
+  int16_t nine[9];
+  const i2c::Result result = bno055::read_raw(nine);
+  if (result != i2c::OK)
+    return result;
+  if (!(nine[0] | nine[1] | nine[2]))
+    return check_mode();
+  memcpy(sample.acceleration, nine, sizeof sample.acceleration);
+  memcpy(sample.magnetic_field, nine + 3, sizeof sample.magnetic_field);
+  memcpy(sample.angular_velocity, nine + 6, sizeof sample.angular_velocity);
+  return i2c::OK;
+}
+
+i2c::Result Imu::read_fused(imu_sample_t &sample, Turn turn) {
   int16_t quaternion[4];
-  result = bno055::read_quaternion(quaternion);
+  i2c::Result result = bno055::read_quaternion(quaternion);
   if (result != i2c::OK)
     return result;
-  if (!(quaternion[0] | quaternion[1] | quaternion[2] | quaternion[3])) {
-    /* The fusion has not begun, or the chip has lost its power for a moment and has booted unnoticed, into CONFIG. */
-    uint8_t mode;
-    result = bno055::read_mode(mode);
-    if (result == i2c::OK && mode != mode_)
-      lost();
-    return result;
-  }
+  if (!(quaternion[0] | quaternion[1] | quaternion[2] | quaternion[3]))
+    return check_mode();
   memcpy(sample.quaternion, quaternion, sizeof quaternion);
   if (turn.acceleration) {
     int16_t acceleration[3];

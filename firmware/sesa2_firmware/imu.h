@@ -1,4 +1,4 @@
-/* One IMU: finds its chip, brings it from any state to fusion with its axes and offsets, reads it, notices when it is gone.
+/* One IMU: finds its chip, brings it from any state to its mode with its axes and offsets, reads it, notices when it is gone.
 
    Every call makes a few short transfers and returns; what takes time is waited for by coming back later, so that no
    IMU holds up another. */
@@ -10,7 +10,7 @@
 
 class Imu {
  public:
-  /* Makes `mode` the fusion mode; a chip that runs in another one goes through CONFIG. */
+  /* Makes `mode` the one to run in; a chip that runs in another one goes through CONFIG. */
   void configure(uint8_t channel, uint8_t mode);
 
   /* Takes the next step towards RUN, if its time has come. Returns whether the bus was used. */
@@ -18,7 +18,7 @@ class Imu {
 
   /* One turn of a sweep. Leaves "not measured" in the sample unless the chip runs and answers. */
   struct Turn {
-    bool acceleration, calibration; /* to be read beside the quaternion */
+    bool acceleration, calibration; /* to be read beside the quaternion; in the mode RAW all three sensors are read */
   };
   void sample(imu_sample_t &sample, Turn turn);
 
@@ -57,6 +57,9 @@ class Imu {
   i2c::Result advance();
   i2c::Result verify_offsets();
   i2c::Result read_chip(imu_sample_t &sample, Turn turn);
+  i2c::Result read_fused(imu_sample_t &sample, Turn turn);
+  i2c::Result read_raw(imu_sample_t &sample);
+  i2c::Result check_mode();
   void go(Stage stage, uint8_t wait_ms = 0);
   void search_again(i2c::Result why);
   void count_error();

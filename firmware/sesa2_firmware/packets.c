@@ -12,6 +12,12 @@ static uint8_t *put_u32(uint8_t *at, uint32_t value) {
   return put_u16(put_u16(at, (uint16_t)value), (uint16_t)(value >> 16));
 }
 
+static uint8_t *put_vector(uint8_t *at, const int16_t xyz[3]) {
+  for (uint8_t i = 0; i < 3; i++)
+    at = put_u16(at, (uint16_t)xyz[i]);
+  return at;
+}
+
 static uint8_t *put_sweep_header(uint8_t *at, packet_type_t type, const sweep_t *sweep) {
   *at++ = type;
   *at++ = PROTOCOL_VERSION;
@@ -40,8 +46,28 @@ uint8_t packets_acceleration(uint8_t *body, const sweep_t *sweep) {
   uint8_t *at = put_sweep_header(body, PACKET_ACCELERATION, sweep);
   for (uint8_t channel = 0; channel < CHANNELS; channel++)
     if (sweep->mask >> channel & 1)
-      for (uint8_t i = 0; i < 3; i++)
-        at = put_u16(at, (uint16_t)sweep->samples[channel].acceleration[i]);
+      at = put_vector(at, sweep->samples[channel].acceleration);
+  return at - body;
+}
+
+uint8_t packets_raw(uint8_t *body, const sweep_t *sweep) {
+  uint8_t *at = put_sweep_header(body, PACKET_RAW, sweep);
+  for (uint8_t channel = 0; channel < CHANNELS; channel++) {
+    if (!(sweep->mask >> channel & 1))
+      continue;
+    const imu_sample_t *sample = &sweep->samples[channel];
+    *at++ = sample->health;
+    at = put_vector(at, sample->angular_velocity);
+    at = put_vector(at, sample->acceleration);
+  }
+  return at - body;
+}
+
+uint8_t packets_magnetometer(uint8_t *body, const sweep_t *sweep) {
+  uint8_t *at = put_sweep_header(body, PACKET_MAGNETOMETER, sweep);
+  for (uint8_t channel = 0; channel < CHANNELS; channel++)
+    if (sweep->mask >> channel & 1)
+      at = put_vector(at, sweep->samples[channel].magnetic_field);
   return at - body;
 }
 

@@ -11,9 +11,9 @@
 extern "C" {
 #endif
 
-enum { PROTOCOL_VERSION = 1, CHANNELS = 8, OFFSETS_SIZE = 22 };
+enum { PROTOCOL_VERSION = 2, CHANNELS = 8, OFFSETS_SIZE = 22 };
 
-typedef enum { PACKET_DATA = 1, PACKET_ACCELERATION = 2 } packet_type_t;
+typedef enum { PACKET_DATA = 1, PACKET_ACCELERATION = 2, PACKET_RAW = 3, PACKET_MAGNETOMETER = 4 } packet_type_t;
 
 typedef enum {
   COMMAND_HELLO = 10,
@@ -29,16 +29,18 @@ typedef enum { RESULT_OK, RESULT_BAD_ARGUMENT, RESULT_ABSENT, RESULT_BUSY, RESUL
 
 typedef enum { STATE_ABSENT, STATE_TO_CONFIG, STATE_TO_NDOF, STATE_RUN } imu_state_t;
 
-enum { STREAM_QUATERNIONS = 1, STREAM_ACCELERATION = 2 };
+enum { STREAM_QUATERNIONS = 1, STREAM_ACCELERATION = 2, STREAM_RAW = 4, STREAM_MAGNETOMETER = 8 };
 
 /* What "not measured" looks like. */
-enum { NO_QUATERNION = 0, NO_ACCELERATION = -32768 };
+enum { NO_QUATERNION = 0, NO_VECTOR = -32768 };
 
 typedef struct {
   uint8_t health;         /* errors << 4 | state */
   uint8_t calibration;    /* register 0x35 */
   int16_t quaternion[4];  /* w x y z, 2^14 is one */
   int16_t acceleration[3];
+  int16_t magnetic_field[3];
+  int16_t angular_velocity[3];
 } imu_sample_t;
 
 typedef struct {
@@ -73,6 +75,8 @@ typedef struct {
 /* Each writes a body and returns its length. */
 uint8_t packets_data(uint8_t *body, const sweep_t *sweep);
 uint8_t packets_acceleration(uint8_t *body, const sweep_t *sweep);
+uint8_t packets_raw(uint8_t *body, const sweep_t *sweep);
+uint8_t packets_magnetometer(uint8_t *body, const sweep_t *sweep);
 uint8_t packets_reply(uint8_t *body, uint8_t code, uint8_t token, result_t result);
 uint8_t packets_hello_reply(uint8_t *body, uint8_t token, uint8_t major, uint8_t minor, uint8_t channels,
                             uint32_t uptime_ms);

@@ -45,6 +45,10 @@ void run() {
     send(body, packets_data(body, &current));
   if (stream & STREAM_ACCELERATION)
     send(body, packets_acceleration(body, &current));
+  if (stream & STREAM_RAW)
+    send(body, packets_raw(body, &current));
+  if (stream & STREAM_MAGNETOMETER)
+    send(body, packets_magnetometer(body, &current));
   current.sequence++;
 }
 

@@ -12,7 +12,7 @@
 
 namespace {
 
-/* 256 bytes each, so that the indices wrap by themselves. A DATA and an ACCELERATION packet together take 160. */
+/* 256 bytes each, so that the indices wrap by themselves. A RAW and a MAGNETOMETER packet together take 182. */
 volatile uint8_t tx_ring[256], tx_head, tx_tail;
 volatile uint8_t rx_ring[256], rx_head, rx_tail;
 volatile uint16_t lost;

@@ -6,12 +6,14 @@
 enum {
   BOOT_US = 650000,
   TO_CONFIG_US = 19000,
-  TO_FUSION_US = 7000,
+  FROM_CONFIG_US = 7000,
   OUTPUT_PERIOD_US = 10000,
   PATTERN_STEPS = 997,
 
   PAGE_ID = 0x07,
   ACCELERATION = 0x08,
+  MAGNETIC_FIELD = 0x0E,
+  ANGULAR_VELOCITY = 0x14,
   QUATERNION = 0x20,
   CALIBRATION = 0x35,
   OPERATION_MODE = 0x3D,
@@ -22,13 +24,18 @@ enum {
   OFFSETS_END = 0x6B,
 
   MODE_CONFIG = 0x00,
+  MODE_AMG = 0x07, /* the last that does not fuse */
   RESET_SYSTEM = 0x20
 };
+
+/* In the earth frame: 9.81 m/s2 up; 20 uT north and 45 uT down, as in middle latitudes. */
+static const int16_t GRAVITY[3] = {0, 0, 981}, FIELD[3] = {0, 320, -720};
 
 void bno055_init(bno055_t *chip, unsigned index) {
   memset(chip, 0, sizeof *chip);
   chip->quaternion[0] = 1 << 14;
-  chip->acceleration[2] = 981;
+  memcpy(chip->acceleration, GRAVITY, sizeof GRAVITY);
+  memcpy(chip->magnetic_field, FIELD, sizeof FIELD);
   chip->phase_us = index * OUTPUT_PERIOD_US / 8;
 }
 
@@ -50,11 +57,31 @@ void bno055_power(bno055_t *chip, bool on, uint64_t now_us) {
   chip->powered = on;
 }
 
+static double pattern_half_angle(unsigned index, uint64_t tick) {
+  return M_PI * (double)(tick % PATTERN_STEPS) / PATTERN_STEPS + 0.1 * index;
+}
+
 void bno055_pattern(int16_t wxyz[4], unsigned index, uint64_t tick) {
-  const double half_angle = M_PI * (double)(tick % PATTERN_STEPS) / PATTERN_STEPS + 0.1 * index;
+  const double half_angle = pattern_half_angle(index, tick);
   memset(wxyz, 0, 4 * sizeof *wxyz);
   wxyz[0] = (int16_t)lround(16384 * cos(half_angle));
   wxyz[1 + index % 3] = (int16_t)lround(16384 * sin(half_angle));
+}
+
+/* A vector of the earth frame in the axes of a sensor that has turned about one of them. */
+static void into_sensor(int16_t xyz[3], const int16_t earth[3], unsigned axis, double angle) {
+  const unsigned u = (axis + 1) % 3, v = (axis + 2) % 3;
+  xyz[axis] = earth[axis];
+  xyz[u] = (int16_t)lround(earth[u] * cos(angle) + earth[v] * sin(angle));
+  xyz[v] = (int16_t)lround(earth[v] * cos(angle) - earth[u] * sin(angle));
+}
+
+void bno055_raw_pattern(int16_t nine[9], unsigned index, uint64_t tick) {
+  const double angle = 2 * pattern_half_angle(index, tick);
+  memset(nine, 0, 9 * sizeof *nine);
+  into_sensor(nine, GRAVITY, index % 3, angle);
+  into_sensor(nine + 3, FIELD, index % 3, angle);
+  nine[6 + index % 3] = (int16_t)lround(16 * 360.0 / PATTERN_STEPS / (OUTPUT_PERIOD_US * 1e-6));
 }
 
 static void settle_mode(bno055_t *chip, uint64_t now_us) {
@@ -72,13 +99,21 @@ static void put_words(uint8_t *at, const int16_t *words, unsigned count) {
 /* What a burst reads is that of one moment. */
 static void latch_output(bno055_t *chip, uint64_t now_us) {
   static const int16_t zero[4];
-  const bool fusion = chip->mode != MODE_CONFIG && chip->next_mode == chip->mode;
-  int16_t pattern[4];
+  const bool measures = chip->mode != MODE_CONFIG && chip->next_mode == chip->mode;
+  const bool fusion = measures && chip->mode > MODE_AMG;
+  int16_t pattern[4], raw[9];
   const unsigned index = chip->phase_us * 8 / OUTPUT_PERIOD_US;
+  const uint64_t tick = (now_us + chip->phase_us) / OUTPUT_PERIOD_US;
   if (chip->pattern)
-    bno055_pattern(pattern, index, (now_us + chip->phase_us) / OUTPUT_PERIOD_US);
+    bno055_pattern(pattern, index, tick);
   put_words(chip->registers + QUATERNION, !fusion ? zero : chip->pattern ? pattern : chip->quaternion, 4);
-  put_words(chip->registers + ACCELERATION, fusion ? chip->acceleration : zero, 3);
+  put_words(chip->registers + ACCELERATION, measures ? chip->acceleration : zero, 3);
+  put_words(chip->registers + MAGNETIC_FIELD, measures ? chip->magnetic_field : zero, 3);
+  put_words(chip->registers + ANGULAR_VELOCITY, measures ? chip->angular_velocity : zero, 3);
+  if (measures && !fusion && chip->pattern) {
+    bno055_raw_pattern(raw, index, tick);
+    put_words(chip->registers + ACCELERATION, raw, 9);
+  }
   chip->registers[CALIBRATION] = fusion ? chip->calibration : 0;
   chip->registers[OPERATION_MODE] = chip->mode;
 }
@@ -109,7 +144,7 @@ static void set_mode(bno055_t *chip, uint8_t mode, uint64_t now_us) {
   if (through_config || chip->mode != chip->next_mode)
     chip->violations++; /* fusion modes are entered from CONFIG, and one change ends before the next */
   chip->next_mode = mode & 0x0F;
-  chip->mode_settles_us = now_us + (chip->next_mode == MODE_CONFIG ? TO_CONFIG_US : TO_FUSION_US);
+  chip->mode_settles_us = now_us + (chip->next_mode == MODE_CONFIG ? TO_CONFIG_US : FROM_CONFIG_US);
 }
 
 void bno055_write(bno055_t *chip, uint8_t byte, uint64_t now_us) {

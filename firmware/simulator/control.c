@@ -105,9 +105,10 @@ typedef struct {
 } form_t;
 
 static const form_t FORMS[] = {
-    {"run", 1, 2},     {"time", 0, 0},    {"quaternion", 5, 5}, {"acceleration", 4, 4}, {"calibration", 2, 2},
-    {"pattern", 2, 2}, {"stretch", 2, 2}, {"glitch", 2, 2},     {"refuse", 2, 2},       {"unplug", 1, 1},
-    {"plug", 1, 1},    {"blip", 1, 1},    {"hold", 2, 3},       {"release", 1, 1},      {"cable", 1, 1},
+    {"run", 1, 2},     {"time", 0, 0},    {"quaternion", 5, 5}, {"acceleration", 4, 4}, {"magnetometer", 4, 4},
+    {"gyroscope", 4, 4}, {"calibration", 2, 2}, {"pattern", 2, 2}, {"stretch", 2, 2},   {"glitch", 2, 2},
+    {"refuse", 2, 2},  {"unplug", 1, 1},  {"plug", 1, 1},     {"blip", 1, 1},         {"hold", 2, 3},
+    {"release", 1, 1}, {"cable", 1, 1},
     {"reset", 0, 0},   {"power", 0, 0},   {"register", 2, 3},   {"mode", 1, 1},         {"display", 0, 0},
     {"button", 1, 1},  {"stats", 0, 0},   {"poke", 3, 3},
 };
@@ -130,6 +131,12 @@ static bool execute_on_chip(control_t *control, bno055_t *chip, const char *name
   } else if (!strcmp(name, "acceleration")) {
     for (unsigned i = 0; i < 3; i++)
       chip->acceleration[i] = (int16_t)number(words[1 + i]);
+  } else if (!strcmp(name, "magnetometer")) {
+    for (unsigned i = 0; i < 3; i++)
+      chip->magnetic_field[i] = (int16_t)number(words[1 + i]);
+  } else if (!strcmp(name, "gyroscope")) {
+    for (unsigned i = 0; i < 3; i++)
+      chip->angular_velocity[i] = (int16_t)number(words[1 + i]);
   } else if (!strcmp(name, "calibration")) {
     chip->calibration = (uint8_t)number(words[1]);
   } else if (!strcmp(name, "pattern")) {

@@ -7,8 +7,10 @@
      time                       -> ok NOW SENT
      quaternion K W X Y Z       raw, 16384 is one
      acceleration K X Y Z       raw, 100 is 1 m/s2
+     magnetometer K X Y Z       raw, 16 is 1 uT
+     gyroscope K X Y Z          raw, 16 is 1 degree a second
      calibration K SCORES       register 0x35
-     pattern K 0|1              a rotation that goes on with each 10 ms (bno055_pattern)
+     pattern K 0|1              a rotation that goes on with each 10 ms (bno055_pattern, bno055_raw_pattern)
      stretch K US               clock stretching before each read
      glitch K N                 so many of its next addressings go unacknowledged
      refuse K 0|1               offsets that are written do not stick

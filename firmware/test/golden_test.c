@@ -70,7 +70,31 @@ static unsigned hexadecimal(const packet_t *packet, const char *key, uint8_t *by
 }
 
 /* ---- what the board sends ---- */
-static void read_sweep(const packet_t *packet, sweep_t *sweep, bool acceleration) {
+static const struct {
+  const char *kind;
+  unsigned numbers; /* of an IMU */
+  uint8_t (*encode)(uint8_t *body, const sweep_t *sweep);
+} SWEEPS[] = {
+    {"DATA", 6, packets_data},
+    {"ACCELERATION", 3, packets_acceleration},
+    {"RAW", 7, packets_raw},
+    {"MAGNETOMETER", 3, packets_magnetometer},
+};
+enum { DATA, ACCELERATION, RAW, MAGNETOMETER, SWEEP_KINDS };
+
+static unsigned sweep_kind(const char *kind) {
+  unsigned which = 0;
+  while (which < SWEEP_KINDS && strcmp(kind, SWEEPS[which].kind) != 0)
+    which++;
+  return which;
+}
+
+static void take_words(int16_t *words, const long *values, unsigned count) {
+  for (unsigned i = 0; i < count; i++)
+    words[i] = values[i];
+}
+
+static void read_sweep(const packet_t *packet, sweep_t *sweep, unsigned kind) {
   memset(sweep, 0, sizeof *sweep);
   sweep->sequence = number(packet, "seq");
   sweep->start_us = number(packet, "t_us");
@@ -78,20 +102,24 @@ static void read_sweep(const packet_t *packet, sweep_t *sweep, bool acceleration
   sweep->mask = number(packet, "mask");
   for (unsigned channel = 0; channel < CHANNELS; channel++) {
     char key[] = "imu0";
-    long values[6] = {0};
+    long values[8];
+    key[3] += channel;
     if (!(sweep->mask >> channel & 1))
       continue;
-    key[3] += channel;
     imu_sample_t *sample = &sweep->samples[channel];
-    check(packet, numbers(packet, key, values, 6) == (acceleration ? 3 : 6), "an IMU with too few numbers");
-    if (acceleration) {
-      for (unsigned i = 0; i < 3; i++)
-        sample->acceleration[i] = values[i];
-    } else {
+    check(packet, numbers(packet, key, values, 8) == SWEEPS[kind].numbers, "an IMU with too few or too many numbers");
+    if (kind == DATA || kind == RAW)
       sample->health = values[0];
+    if (kind == DATA) {
       sample->calibration = values[1];
-      for (unsigned i = 0; i < 4; i++)
-        sample->quaternion[i] = values[2 + i];
+      take_words(sample->quaternion, values + 2, 4);
+    } else if (kind == ACCELERATION) {
+      take_words(sample->acceleration, values, 3);
+    } else if (kind == RAW) {
+      take_words(sample->angular_velocity, values + 1, 3);
+      take_words(sample->acceleration, values + 4, 3);
+    } else {
+      take_words(sample->magnetic_field, values, 3);
     }
   }
 }
@@ -139,12 +167,12 @@ static uint8_t encode_reply(const packet_t *packet, uint8_t *body) {
 static void check_sent(const packet_t *packet, const char *kind, const uint8_t *expected, unsigned expected_length) {
   sweep_t sweep;
   uint8_t body[FRAMING_MAX_BODY], frame[FRAMING_MAX_FRAME], length;
-  if (strcmp(kind, "REPLY") == 0) {
+  const unsigned which = sweep_kind(kind);
+  if (which == SWEEP_KINDS) {
     length = encode_reply(packet, body);
   } else {
-    const bool acceleration = strcmp(kind, "ACCELERATION") == 0;
-    read_sweep(packet, &sweep, acceleration);
-    length = acceleration ? packets_acceleration(body, &sweep) : packets_data(body, &sweep);
+    read_sweep(packet, &sweep, which);
+    length = SWEEPS[which].encode(body, &sweep);
   }
   const unsigned frame_length = framing_encode(body, length, frame);
   check(packet, frame_length == expected_length && memcmp(frame, expected, expected_length) == 0, "encodes to another frame");
@@ -190,7 +218,7 @@ static void check_packet(const packet_t *packet) {
   check(packet, kind && length, "no kind or no frame");
   if (!kind || !length)
     return;
-  if (strcmp(kind, "DATA") == 0 || strcmp(kind, "ACCELERATION") == 0 || strcmp(kind, "REPLY") == 0)
+  if (sweep_kind(kind) < SWEEP_KINDS || strcmp(kind, "REPLY") == 0)
     check_sent(packet, kind, frame, length);
   else
     check_received(packet, kind, frame, length);

@@ -13,6 +13,7 @@ from sesa2.bags.reading import ImuBlock, ImuRecording, Sample
 from sesa2.bags.recording import open_recording
 from sesa2.bags.writing import BagWriter, new_bag
 from sesa2.configuration import Configuration, files
+from sesa2.configuration.kept_accelerometers import keep_accelerometers
 from sesa2.errors import Sesa2Error
 from sesa2.estimation.arrivals import OFFLINE_PATIENCE, lag_in_words
 from sesa2.estimation.estimator import Estimator
@@ -155,7 +156,9 @@ def replay(
         configuration = files.parse(files.dump(replace(configuration, models=tuple(models))), '--models')
     with open_recording(source, first_id) as recording:
         source = recording.path
-        intake = OrientationIntake(configuration.imus.fusion, configuration.imus.used_ids)
+        intake = OrientationIntake(
+            configuration.imus.fusion, configuration.imus.used_ids, keep_accelerometers(configuration)
+        )
         imus = ImuRecording(recording, configuration, intake)
         total = sum(imus.counts.values())
         with new_bag(out) as bag:

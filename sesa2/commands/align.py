@@ -5,11 +5,13 @@ from pathlib import Path
 
 import numpy as np
 
-from sesa2.commands.arguments import add_config, load_config, warn
+from sesa2.commands.align_accelerometers import align_accelerometers
+from sesa2.commands.arguments import add_config, load_config, positive, warn
 from sesa2.configuration import Configuration, files
 from sesa2.configuration.description import table
 from sesa2.errors import Sesa2Error
 from sesa2.partial_files import write_whole
+from sesa2.sensing.imu.accelerometer_calibration import STANDARD_GRAVITY
 from sesa2.shape.rotations import FloatArray
 from sesa2.time import NS
 
@@ -28,8 +30,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         'imus.ids or as ID=FILE',
     )
     add_config(parser)
+    result = parser.add_mutually_exclusive_group(required=True)
+    result.add_argument('--out', type=Path, metavar='F2', help='configuration to write; must not exist')
+    result.add_argument(
+        '--accelerometers',
+        action='store_true',
+        help="from IMUs that were held still with each side up: the accelerometers' bias, scale and misalignment, kept "
+        'in calibration.file',
+    )
     parser.add_argument(
-        '--out', required=True, type=Path, metavar='F2', help='configuration to write; must not exist'
+        '--gravity',
+        type=positive,
+        default=STANDARD_GRAVITY,
+        metavar='G',
+        help='with --accelerometers, m/s² (%(default)s)',
     )
     parser.add_argument(
         '--headings', action='store_true', help='take the turn about the arm as error of heading'
@@ -56,6 +70,8 @@ def run(options: argparse.Namespace) -> int:
     from sesa2.bags.recorded_sweeps import read_sweeps
     from sesa2.bags.sensor_logs import assign_logs
 
+    if options.accelerometers:
+        return align_accelerometers(options)
     c = load_config(options)
     if options.out.exists():
         raise Sesa2Error(f'{options.out}: exists already, expected the name of a new configuration')

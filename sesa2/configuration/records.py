@@ -115,8 +115,12 @@ class Serial:
     ports: tuple[str, ...] = parameter((), 'instead of port: that of each board, IMUs 1 to 8 first')
     baud: int = parameter(500000, 'bit rate of the port, as built into the firmware', low=9600, high=2000000)
     rate_hz: int = parameter(100, 'sweeps per second', low=1, high=100)
-    fusion: str = parameter('NDOF', "the chips' fusion mode", choices=('NDOF', 'NDOF_FMC_OFF', 'IMU'))
-    acceleration: bool = parameter(False, 'stream acceleration too')
+    fusion: str = parameter(
+        'NDOF',
+        "the chips' fusion mode; RAW: none, for imus.fusion",
+        choices=('NDOF', 'NDOF_FMC_OFF', 'IMU', 'RAW'),
+    )
+    acceleration: bool = parameter(False, 'stream acceleration too; RAW always does')
 
     @property
     def all_ports(self) -> tuple[str, ...]:

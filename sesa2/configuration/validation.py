@@ -249,6 +249,7 @@ def _check(c: Configuration) -> list[Mistake]:
         expect(False, f'models[{i}]', f'got {shown(name)} a second time')
     _check_names(c, expect)
     _check_boards(c, expect)
+    _check_raw(c, expect)
     if c.run.source == 'bag':
         expect(c.run.bag != '', 'run.bag', "is empty, and the source is 'bag'")
     if c.run.mode == 'calibrate':
@@ -318,6 +319,24 @@ def _check_boards(c: Configuration, expect: Callable[[bool, str, str], bool]) ->
             f'serial.ports[{board}]',
             f'has no IMU, expected one of the ids {span} in imus.ids',
         )
+
+
+def _check_raw(c: Configuration, expect: Callable[[bool, str, str], bool]) -> None:
+    """Chips that fuse nothing need the host to, and it needs them not to."""
+    if c.run.source not in ('sim', 'serial'):
+        return
+    raw, fused = c.serial.fusion == 'RAW', c.imus.fusion != 'none'
+    expect(
+        not raw or fused or c.run.mode == 'calibrate',
+        'serial.fusion',
+        "got 'RAW', which gives no orientations by itself, expected imus.fusion 6d or 9d beside it",
+    )
+    expect(
+        raw or not fused or c.run.source == 'sim',  # sim is the default, also of a replay
+        'imus.fusion',
+        f'got {c.imus.fusion!r}, and the chips fuse by themselves (serial.fusion: {c.serial.fusion}); '
+        f'expected none, or serial.fusion RAW beside it',
+    )
 
 
 def _repeated(values: Iterable[Any]) -> list[tuple[int, Any]]:

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from sesa2.link.clock import steady_ns
 from sesa2.link.framing import FrameDecoder, encode_frame
 from sesa2.link.link_errors import CommandError, LinkError, PacketError, ProtocolVersionError
-from sesa2.link.packets import VERSION, Acceleration, Data, decode_stream
+from sesa2.link.packets import VERSION, Packet, decode_stream
 from sesa2.link.requests import (
     BoardConfiguration,
     Command,
@@ -34,7 +34,7 @@ _TRIES = 4
 UPLOAD = 'make -C firmware upload'
 """Puts this package's firmware on a board."""
 
-PacketHandler = Callable[[Data | Acceleration, int], None]
+PacketHandler = Callable[[Packet, int], None]
 """Takes a packet and the time at which its last byte was read, ns of `steady_ns`."""
 
 
@@ -120,7 +120,7 @@ class Board:
         self._command(Command.CONFIGURE, configuration.pack())
 
     def stream(self, flags: int) -> None:
-        """Start (`Stream.QUATERNIONS`, `Stream.ACCELERATION` or both) or stop (0) the stream."""
+        """Start (the sum of flags of `Stream`) or stop (0) the stream."""
         self._command(Command.STREAM, bytes((flags,)))
 
     def hush(self) -> None:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from sesa2.errors import Sesa2Error
 from sesa2.faults import fault_line
 from sesa2.link.link_errors import LinkError, ProtocolVersionError
-from sesa2.link.packets import Acceleration, Data
+from sesa2.link.packets import Acceleration, Data, MagneticFields, RawData
 from sesa2.link.session import LinkSettings, Session
 from sesa2.link.status import Event, Level
 from sesa2.sensing.imu.bno055.offsets import Offsets
@@ -19,8 +19,13 @@ from sesa2.sensing.imu.bno055.offsets import Offsets
 class SweepHandler(Protocol):
     """Whom a link tells, from its thread. It gives no commands itself."""
 
-    def on_sweep(self, data: Data, stamps_ns: list[int], accelerations: NDArray[np.float64] | None) -> None:
+    def on_sweep(
+        self, data: Data | RawData, stamps_ns: list[int], accelerations: NDArray[np.float64] | None
+    ) -> None:
         """A sweep, when each of its IMUs was read, and their accelerations where they have come."""
+
+    def on_magnetic_fields(self, fields: MagneticFields, stamps_ns: list[int]) -> None:
+        """The magnetic fields of a sweep, and when each was measured."""
 
     def on_offsets(self, imu_id: int, offsets: Offsets) -> None:
         """What was read from a chip."""
@@ -98,11 +103,15 @@ class BoardLink:
 
     # Called by the session, in the thread
 
-    def on_data(self, data: Data, stamps_ns: list[int]) -> None:
+    def on_data(self, data: Data | RawData, stamps_ns: list[int]) -> None:
         """Hand a sweep on, or keep it until its acceleration comes."""
         self.was_up = True
         if self._waiting:
             self._handler.on_sweep(*self._waiting, None)
+        if isinstance(data, RawData):
+            self._waiting = None
+            self._handler.on_sweep(data, stamps_ns, data.accelerations)
+            return
         self._waiting = (data, stamps_ns) if self.settings.acceleration else None
         if not self._waiting:
             self._handler.on_sweep(data, stamps_ns, None)
@@ -113,6 +122,10 @@ class BoardLink:
         if self._waiting and self._waiting[0].sweep.seq == acceleration.sweep.seq:
             self._handler.on_sweep(*self._waiting, acceleration.accelerations)
             self._waiting = None
+
+    def on_magnetic_fields(self, fields: MagneticFields, stamps_ns: list[int]) -> None:
+        """Hand them on."""
+        self._handler.on_magnetic_fields(fields, stamps_ns)
 
     def on_offsets(self, imu_id: int, offsets: Offsets) -> None:
         """Hand on what was read from a chip."""

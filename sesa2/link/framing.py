@@ -9,8 +9,8 @@ from typing import NamedTuple
 
 from cobs import cobs
 
-MAX_BODY = 91
-"""Bytes of the longest body, a DATA packet of eight IMUs."""
+MAX_BODY = 115
+"""Bytes of the longest body, a RAW packet of eight IMUs."""
 
 FRAMING_BYTES = 4
 """What a frame adds to its body: CRC, the one code byte that COBS needs below 254 bytes, and the delimiter."""

@@ -3,7 +3,7 @@
 import time
 
 from sesa2.link.clock import BoardClock, WallClock
-from sesa2.link.packets import Acceleration, Data, State
+from sesa2.link.packets import Acceleration, Data, MagneticFields, Packet, RawData, State
 from sesa2.link.status import Counters, Event, Handler, Level
 from sesa2.sensing.imu.addresses import mask_of
 from sesa2.time import NS
@@ -31,7 +31,7 @@ class Intake:
     Attributes
     ----------
     latest
-        The latest orientations.
+        The latest orientations, or what the raw sensors measured.
     absent
         Chips that did not answer and do not run yet.
     returned
@@ -43,7 +43,7 @@ class Intake:
     ) -> None:
         self.clock = BoardClock()
         self.wall = WallClock()
-        self.latest: Data | None = None
+        self.latest: Data | RawData | None = None
         self.returned: set[int] = set()
         self._mask = mask_of(ids)
         self._byte_ns = 10 * NS // baud
@@ -74,7 +74,7 @@ class Intake:
         """Whether nothing has come for much longer than a sweep takes."""
         return time.monotonic() - self._heard_s > self._patience_s
 
-    def take(self, packet: Data | Acceleration, arrival_ns: int) -> None:
+    def take(self, packet: Packet, arrival_ns: int) -> None:
         """Stamp a packet that has arrived, and hand it on."""
         sweep = packet.sweep
         if not self._wanted or sweep.mask != self._mask:
@@ -92,11 +92,13 @@ class Intake:
         stamps_ns = [start_ns + read_ns for read_ns in sweep.read_ns()]
         if isinstance(packet, Acceleration):
             self._handler.on_acceleration(packet, stamps_ns)
+        elif isinstance(packet, MagneticFields):
+            self._handler.on_magnetic_fields(packet, stamps_ns)
         else:
             self._count(packet)
             self._handler.on_data(packet, stamps_ns)
 
-    def _count(self, data: Data) -> None:
+    def _count(self, data: Data | RawData) -> None:
         now_s = time.monotonic()
         if self._latest_s is not None and now_s - self._latest_s > self._patience_s:
             self._counters.silent_s += now_s - self._latest_s
@@ -109,7 +111,7 @@ class Intake:
             self._health = data.health
             self._watch(data)
 
-    def _watch(self, data: Data) -> None:
+    def _watch(self, data: Data | RawData) -> None:
         for imu_id, state in zip(data.sweep.ids, data.states, strict=True):
             if state is State.ABSENT and imu_id not in self.absent:
                 self.absent.add(imu_id)

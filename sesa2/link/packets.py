@@ -1,4 +1,4 @@
-"""What the board sends unasked: orientations and accelerations, one packet a sweep (firmware/PROTOCOL.md).
+"""What the board sends unasked: what its IMUs measure, a packet of each kind a sweep (firmware/PROTOCOL.md).
 
 The wire counts multiplexer channels and puts a quaternion's scalar first; both end here: everywhere else an IMU is
 known by its id (sensing/imu/addresses.py), and quaternions are x y z w.
@@ -6,7 +6,7 @@ known by its id (sensing/imu/addresses.py), and quaternions are x y z w.
 
 from enum import IntEnum
 from struct import Struct
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,15 +16,19 @@ from sesa2.link.link_errors import PacketError
 from sesa2.sensing.imu.addresses import ids_of
 from sesa2.sensing.imu.bno055.scores import Scores
 
-VERSION = 1
+VERSION = 2
 """The protocol version that this package speaks."""
 
-_DATA, _ACCELERATION = 1, 2
+_DATA, _ACCELERATION, _RAW, _MAGNETOMETER = 1, 2, 3, 4
 _HEAD = Struct('<BBHIHB')  # type, version, seq, t_us, scan_us, mask
 _ENTRY = np.dtype([('health', 'u1'), ('calib', 'u1'), ('quaternion', '<i2', 4)])
+_RAW_ENTRY = np.dtype([('health', 'u1'), ('angular_velocity', '<i2', 3), ('acceleration', '<i2', 3)])
+_VECTOR = np.dtype(('<i2', 3))
 _XYZW, _WXYZ = [1, 2, 3, 0], [3, 0, 1, 2]
 _QUATERNION_LSB = 2.0**-14
 _ACCELERATION_LSB = 0.01
+_ANGULAR_VELOCITY_LSB = np.deg2rad(1 / 16)
+_FIELD_LSB = 1e-6 / 16
 _NOT_MEASURED = -32768
 
 
@@ -34,7 +38,7 @@ class State(IntEnum):
     ABSENT = 0
     TO_CONFIG = 1
     TO_NDOF = 2
-    """On its way to the fusion mode, whichever was asked for."""
+    """On its way to the mode that was asked for, NDOF or another."""
     RUN = 3
 
 
@@ -100,12 +104,12 @@ class Data(NamedTuple):
     @property
     def states(self) -> list[State]:
         """State of each IMU."""
-        return [State(health & 0x0F) for health in self.health]
+        return _states(self.health)
 
     @property
     def errors(self) -> list[int]:
         """I2C errors of each IMU since it last ran, saturating at 15."""
-        return [health >> 4 for health in self.health]
+        return _errors(self.health)
 
     @property
     def scores(self) -> list[Scores]:
@@ -128,10 +132,70 @@ class Acceleration(NamedTuple):
     @property
     def line_bytes(self) -> int:
         """Bytes of the packet's frame."""
-        return FRAMING_BYTES + _HEAD.size + 6 * len(self.accelerations)
+        return FRAMING_BYTES + _HEAD.size + _VECTOR.itemsize * len(self.accelerations)
 
 
-def decode_stream(body: bytes, board: int = 0) -> Data | Acceleration:
+class RawData(NamedTuple):
+    """What gyroscopes and accelerometers measured in one sweep, uncompensated.
+
+    Attributes
+    ----------
+    angular_velocities
+        Shape (n, 3), rad/s, in the sensor's frame; NaN where the chip has not measured.
+    accelerations
+        Shape (n, 3), m/s², in the sensor's frame, gravity included; NaN where the chip has not measured.
+    health
+        n bytes, as in `Data`.
+    """
+
+    sweep: SweepHeader
+    angular_velocities: NDArray[np.float64]
+    accelerations: NDArray[np.float64]
+    health: bytes
+
+    @property
+    def line_bytes(self) -> int:
+        """Bytes of the packet's frame."""
+        return FRAMING_BYTES + _HEAD.size + _RAW_ENTRY.itemsize * len(self.health)
+
+    @property
+    def states(self) -> list[State]:
+        """State of each IMU."""
+        return _states(self.health)
+
+    @property
+    def errors(self) -> list[int]:
+        """I2C errors of each IMU since it last ran, saturating at 15."""
+        return _errors(self.health)
+
+    @property
+    def scores(self) -> list[None]:
+        """No calibration scores: they are the fusion's."""
+        return [None] * len(self.health)
+
+
+class MagneticFields(NamedTuple):
+    """Magnetic fields of one sweep, uncompensated.
+
+    Attributes
+    ----------
+    fields
+        Shape (n, 3), T, in the sensor's frame; NaN where the chip has not measured.
+    """
+
+    sweep: SweepHeader
+    fields: NDArray[np.float64]
+
+    @property
+    def line_bytes(self) -> int:
+        """Bytes of the packet's frame."""
+        return FRAMING_BYTES + _HEAD.size + _VECTOR.itemsize * len(self.fields)
+
+
+Packet = Data | Acceleration | RawData | MagneticFields
+
+
+def decode_stream(body: bytes, board: int = 0) -> Packet:
     """The packet in an intact frame's body, which came from a board.
 
     Raises
@@ -147,20 +211,17 @@ def decode_stream(body: bytes, board: int = 0) -> Data | Acceleration:
     sweep = SweepHeader(seq, t_us, scan_us, mask, board)
     n = mask.bit_count()
     if kind == _DATA:
-        _check_length(body, _ENTRY.itemsize * n, 'DATA', n)
-        health = body[_HEAD.size :: _ENTRY.itemsize]
-        if any(value & 0x0F > State.RUN for value in health):
-            raise PacketError(
-                f'DATA packet with a state beyond {State.RUN:d} in health bytes {health.hex(" ")}'
-            )
-        raw = np.frombuffer(body, _ENTRY, n, _HEAD.size)['quaternion']
+        entries, health = _entries(body, _ENTRY, 'DATA', n)
         calib = body[_HEAD.size + 1 :: _ENTRY.itemsize]
-        return Data(sweep, raw[:, _XYZW] * _QUATERNION_LSB, health, calib)
+        return Data(sweep, entries['quaternion'][:, _XYZW] * _QUATERNION_LSB, health, calib)
+    if kind == _RAW:
+        entries, health = _entries(body, _RAW_ENTRY, 'RAW', n)
+        velocities = _si(entries['angular_velocity'], _ANGULAR_VELOCITY_LSB)
+        return RawData(sweep, velocities, _si(entries['acceleration'], _ACCELERATION_LSB), health)
     if kind == _ACCELERATION:
-        _check_length(body, 6 * n, 'ACCELERATION', n)
-        raw = np.frombuffer(body, '<i2', 3 * n, _HEAD.size).reshape(n, 3)
-        measured = (raw != _NOT_MEASURED).any(axis=1, keepdims=True)
-        return Acceleration(sweep, np.where(measured, raw * _ACCELERATION_LSB, np.nan))
+        return Acceleration(sweep, _si(_vectors(body, 'ACCELERATION', n), _ACCELERATION_LSB))
+    if kind == _MAGNETOMETER:
+        return MagneticFields(sweep, _si(_vectors(body, 'MAGNETOMETER', n), _FIELD_LSB))
     raise PacketError(f'unknown packet type {kind}')
 
 
@@ -175,9 +236,59 @@ def encode_data(sweep: SweepHeader, orientations: ArrayLike, health: bytes, cali
 
 def encode_acceleration(sweep: SweepHeader, accelerations: ArrayLike) -> bytes:
     """Body of an ACCELERATION packet: the inverse of `decode_stream`, rounding to 0.01 m/s²."""
-    lsb = np.rint(np.asarray(accelerations, float) / _ACCELERATION_LSB)
-    raw = np.where(np.isnan(lsb), _NOT_MEASURED, lsb).astype('<i2')
-    return _HEAD.pack(_ACCELERATION, VERSION, *sweep[:4]) + raw.tobytes()
+    return _HEAD.pack(_ACCELERATION, VERSION, *sweep[:4]) + _lsb(accelerations, _ACCELERATION_LSB).tobytes()
+
+
+def encode_raw(
+    sweep: SweepHeader, angular_velocities: ArrayLike, accelerations: ArrayLike, health: bytes
+) -> bytes:
+    """Body of a RAW packet: the inverse of `decode_stream`, rounding to 1/16 °/s and 0.01 m/s²."""
+    entries = np.empty(len(sweep.ids), _RAW_ENTRY)
+    entries['health'] = list(health)
+    entries['angular_velocity'] = _lsb(angular_velocities, _ANGULAR_VELOCITY_LSB)
+    entries['acceleration'] = _lsb(accelerations, _ACCELERATION_LSB)
+    return _HEAD.pack(_RAW, VERSION, *sweep[:4]) + entries.tobytes()
+
+
+def encode_magnetometer(sweep: SweepHeader, fields: ArrayLike) -> bytes:
+    """Body of a MAGNETOMETER packet: the inverse of `decode_stream`, rounding to 1/16 µT."""
+    return _HEAD.pack(_MAGNETOMETER, VERSION, *sweep[:4]) + _lsb(fields, _FIELD_LSB).tobytes()
+
+
+def _states(health: bytes) -> list[State]:
+    return [State(value & 0x0F) for value in health]
+
+
+def _errors(health: bytes) -> list[int]:
+    return [value >> 4 for value in health]
+
+
+def _entries(body: bytes, entry: np.dtype, name: str, n: int) -> tuple[NDArray[Any], bytes]:
+    """Entries that begin with a byte of health, and these bytes."""
+    _check_length(body, entry.itemsize * n, name, n)
+    health = body[_HEAD.size :: entry.itemsize]
+    if any(value & 0x0F > State.RUN for value in health):
+        raise PacketError(
+            f'{name} packet with a state beyond {State.RUN:d} in health bytes {health.hex(" ")}'
+        )
+    return np.frombuffer(body, entry, n, _HEAD.size), health
+
+
+def _vectors(body: bytes, name: str, n: int) -> NDArray[Any]:
+    _check_length(body, _VECTOR.itemsize * n, name, n)
+    return np.frombuffer(body, '<i2', 3 * n, _HEAD.size).reshape(n, 3)
+
+
+def _si(raw: NDArray[Any], lsb: float) -> NDArray[np.float64]:
+    """Vectors (n, 3) in SI units; NaN for those that say that they were not measured."""
+    measured = (raw != _NOT_MEASURED).any(axis=1, keepdims=True)
+    return np.where(measured, raw * lsb, np.nan)
+
+
+def _lsb(vectors: ArrayLike, lsb: float) -> NDArray[Any]:
+    """Vectors (n, 3) as a chip has them: rounded, at the end of its range where they go beyond; NaN is not measured."""
+    steps = np.clip(np.rint(np.asarray(vectors, float) / lsb), -32768, 32767)
+    return np.where(np.isnan(steps), _NOT_MEASURED, steps).astype('<i2')
 
 
 def _check_length(body: bytes, entries: int, name: str, n: int) -> None:

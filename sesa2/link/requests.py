@@ -7,7 +7,7 @@ from typing import NamedTuple
 from sesa2.link.link_errors import PacketError
 from sesa2.link.packets import VERSION
 
-FIRMWARE = (1, 0)
+FIRMWARE = (1, 1)
 """Major and minor number of the firmware that belongs to this package."""
 
 _REPLY = 0x80
@@ -36,8 +36,10 @@ class Result(IntEnum):
 
 
 class FusionMode(IntEnum):
-    """Fusion modes of the chip, register 0x3D."""
+    """Modes of the chip in which it measures, register 0x3D."""
 
+    RAW = 0x07
+    """No fusion: all nine axes as they are measured, uncompensated, for fusion on the host. The datasheet's AMG."""
     IMU = 0x08
     """Gyroscope and accelerometer only: iron nearby does no harm, but the heading is relative and drifts."""
     NDOF_FMC_OFF = 0x0B
@@ -46,9 +48,9 @@ class FusionMode(IntEnum):
     """All nine axes."""
 
     @property
-    def uses_magnetometer(self) -> bool:
-        """Whether the heading is absolute."""
-        return self is not FusionMode.IMU
+    def loses_heading(self) -> bool:
+        """Whether a chip that starts anew has another earth frame: one by its gyroscope alone, not by north."""
+        return self is FusionMode.IMU
 
 
 class Stream:
@@ -57,6 +59,11 @@ class Stream:
     STOP = 0
     QUATERNIONS = 1
     ACCELERATION = 2
+    RAW = 4
+    """Angular velocity and acceleration, in the mode RAW alone."""
+    MAGNETOMETER = 8
+    """In the mode RAW alone."""
+    ALL = 15
 
 
 class BoardConfiguration(NamedTuple):

@@ -47,12 +47,21 @@ class LinkSettings:
     rate_hz: int = 100
     fusion: FusionMode = FusionMode.NDOF
     acceleration: bool = False
+    magnetometer: bool = False
+    """In the mode RAW."""
     i2c_100khz: bool = False
 
     @property
     def board(self) -> int:
         """Which board it is, from 0."""
         return address_of(self.ids[0]).board
+
+    @property
+    def stream(self) -> int:
+        """What the board is to stream, flags of `Stream`."""
+        if self.fusion is FusionMode.RAW:
+            return Stream.RAW | (Stream.MAGNETOMETER if self.magnetometer else 0)
+        return Stream.QUATERNIONS | (Stream.ACCELERATION if self.acceleration else 0)
 
 
 class Session:
@@ -246,14 +255,14 @@ class Session:
         board.configure(BoardConfiguration(mask, settings.rate_hz, settings.fusion, settings.i2c_100khz))
         streamed_before = self._intake.latest is not None
         self._intake.begin()
-        board.stream(Stream.QUATERNIONS | (Stream.ACCELERATION if settings.acceleration else 0))
+        board.stream(settings.stream)
         self.stats = board.stats()
         self._comebacks_known = self.stats.comebacks
         self._stats_due_s = time.monotonic() + _STATS_PERIOD_S
         self.connected = True
         self._trouble = ''
         self._tell(Level.INFO, f'{settings.port}: board with firmware {self.hello.firmware} streams')
-        if streamed_before and not settings.fusion.uses_magnetometer:
+        if streamed_before and settings.fusion.loses_heading:
             self._tell(
                 Level.WARN,
                 f'{settings.port}: the chips start with new headings, since mode IMU has no north: align again',
@@ -316,13 +325,13 @@ class Session:
         for imu_id in sorted(returned):
             self._counters.comebacks += 1
             self._compare(board, imu_id)
-            if self.settings.fusion.uses_magnetometer:
-                self._tell(Level.INFO, f'IMU {imu_id} is back; offsets: {self._offsets[imu_id].value}')
-            else:
+            if self.settings.fusion.loses_heading:
                 self._tell(
                     Level.WARN,
                     f'IMU {imu_id} is back with a new heading, since mode IMU has no north: align again',
                 )
+            else:
+                self._tell(Level.INFO, f'IMU {imu_id} is back; offsets: {self._offsets[imu_id].value}')
         for imu_id, imu in self.imus().items():
             # A chip that came just after HELLO was absent in no sweep; offsets may have been saved meanwhile.
             unchecked = imu.offsets is OffsetsState.NOT_CHECKED or (

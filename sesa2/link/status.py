@@ -5,7 +5,7 @@ from enum import Enum, IntEnum
 from typing import NamedTuple, Protocol
 
 from sesa2.link.framing import FrameErrors
-from sesa2.link.packets import Acceleration, Data, State
+from sesa2.link.packets import Acceleration, Data, MagneticFields, RawData, State
 from sesa2.sensing.imu.bno055.offsets import Offsets
 from sesa2.sensing.imu.bno055.scores import Scores
 
@@ -40,7 +40,8 @@ class ImuStatus(NamedTuple):
     state: State
     errors: int
     """I2C errors since it last ran, saturating at 15."""
-    scores: Scores
+    scores: Scores | None
+    """None without fusion."""
     offsets: OffsetsState
 
 
@@ -82,11 +83,14 @@ class Counters:
 class Handler(Protocol):
     """Whom a session tells. All is called from the session's thread, and gives no commands itself."""
 
-    def on_data(self, data: Data, stamps_ns: list[int]) -> None:
-        """A sweep's orientations, and when each of them was measured: wall clock, ns since 1970."""
+    def on_data(self, data: Data | RawData, stamps_ns: list[int]) -> None:
+        """A sweep's orientations or raw measurements, and when each was measured: wall clock, ns since 1970."""
 
     def on_acceleration(self, acceleration: Acceleration, stamps_ns: list[int]) -> None:
         """A sweep's accelerations, and when each of them was measured: wall clock, ns since 1970."""
+
+    def on_magnetic_fields(self, fields: MagneticFields, stamps_ns: list[int]) -> None:
+        """A sweep's magnetic fields, and when each of them was measured: wall clock, ns since 1970."""
 
     def on_offsets(self, imu_id: int, offsets: Offsets) -> None:
         """What was read from a chip."""

@@ -16,11 +16,14 @@ from sesa2.messages.imu_messages import (
     read_imu_values,
     read_imus,
 )
+from sesa2.sensing.imu.accelerometer_calibration import KeptAccelerometers
 from sesa2.sensing.imu.host_fusion import HostFusion
 from sesa2.shape.rotations import FloatArray
 
 NO_ORIENTATION = 'the driver says that it gives no orientation (orientation_covariance[0] is −1)'
 NOTHING_TO_FUSE = 'the driver gives no angular velocity or no acceleration, which imus.fusion needs'
+
+_AS_THEY_ARE = KeptAccelerometers({})
 
 
 def unaligned_headings(fusion: str, headings: Sequence[float]) -> list[str]:
@@ -63,6 +66,8 @@ class OrientationIntake:
         none, 6d or 9d, as in `imus.fusion`.
     ids
         of the IMUs that are used.
+    accelerometers
+        calibrations that are applied before fusion.
 
     Attributes
     ----------
@@ -75,7 +80,8 @@ class OrientationIntake:
         fusion is wanted, and vqf is not installed.
     """
 
-    def __init__(self, fusion: str, ids: Sequence[int]):
+    def __init__(self, fusion: str, ids: Sequence[int], accelerometers: KeptAccelerometers = _AS_THEY_ARE):
+        self._accelerometers = accelerometers
         self.wants_fields = fusion == '9d'
         self._filters = (
             {} if fusion == 'none' else {i: HostFusion(magnetometer=self.wants_fields) for i in ids}
@@ -113,13 +119,15 @@ class OrientationIntake:
     @property
     def doubts(self) -> list[str]:
         """What looks wrong with what is fused, for people."""
-        return [
-            f'IMU {imu}: {doubt}' for imu, one in sorted(self._filters.items()) for doubt in one.doubts
-        ] + [
-            f'IMU {imu}: its fusion began anew {one.restarts} times, after pauses or steps of time'
-            for imu, one in sorted(self._filters.items())
-            if one.restarts
-        ]
+        return (
+            list(self._accelerometers.problems)
+            + [f'IMU {imu}: {doubt}' for imu, one in sorted(self._filters.items()) for doubt in one.doubts]
+            + [
+                f'IMU {imu}: its fusion began anew {one.restarts} times, after pauses or steps of time'
+                for imu, one in sorted(self._filters.items())
+                if one.restarts
+            ]
+        )
 
     def why(self, imu: int) -> str:
         """Why most samples of an IMU were refused, and what to do; empty where none was."""
@@ -167,9 +175,8 @@ class OrientationIntake:
         elif not is_inertial(values):
             reason = NOTHING_TO_FUSE
         else:
-            fused = self._filters[imu].add(
-                stamp_ns, np.array(values[ANGULAR_VELOCITY]), np.array(values[ACCELERATION])
-            )
+            acceleration = self._corrected(imu, np.array(values[ACCELERATION]))
+            fused = self._filters[imu].add(stamp_ns, np.array(values[ANGULAR_VELOCITY]), acceleration)
             if fused is None:
                 return None
             orientation = fused.tolist()
@@ -177,6 +184,10 @@ class OrientationIntake:
             self._own[imu, reason] += 1
             return None
         return ImuSample(stamp_ns, *orientation)
+
+    def _corrected(self, imu: int, accelerations: FloatArray) -> FloatArray:
+        calibration = self._accelerometers.calibrations.get(imu)
+        return calibration.apply(accelerations) if calibration else accelerations
 
     def _note_inertial(self, imu: int, values: Sequence[float]) -> None:
         if is_inertial(values):
@@ -211,7 +222,9 @@ class OrientationIntake:
             rows = np.flatnonzero(ours & read.has_inertial & (ids == imu))
             if len(rows):
                 orientations[rows] = one.add_many(
-                    read.stamps_ns[rows], read.angular_velocities[rows], read.accelerations[rows]
+                    read.stamps_ns[rows],
+                    read.angular_velocities[rows],
+                    self._corrected(imu, read.accelerations[rows]),
                 )
         return TakenOrientations(
             read.stamps_ns,

@@ -25,7 +25,7 @@ def imu_name(imu_id: int) -> str:
 
 
 def imu_data(imu_id: int) -> str:
-    """Topic of an IMU's orientation, sensor_msgs/Imu, where the configuration says nothing else."""
+    """Topic of what an IMU measures, sensor_msgs/Imu, where the configuration says nothing else."""
     return f'{imu_name(imu_id)}/data'
 
 

@@ -1,4 +1,4 @@
-"""The calibration node: keeps the chips' offsets in a YAML file, and says what to do next."""
+"""The calibration node: keeps the chips' offsets, or their accelerometers' calibrations, and says what to do next."""
 
 import functools
 import os
@@ -6,12 +6,15 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from sensor_msgs.msg import Imu
 from sesa2_msgs.msg import ImuCalibration
 from std_srvs.srv import Trigger
 
 from sesa2.configuration import ConfigurationError, Mistake
 from sesa2.errors import Sesa2Error
-from sesa2.messages.topic_names import imu_calibration, imu_name
+from sesa2.messages.imu_messages import ACCELERATION, ANGULAR_VELOCITY, is_inertial, read_imu_values
+from sesa2.messages.topic_names import imu_calibration, imu_name, imu_topics
 from sesa2.partial_files import sweep_partials
 from sesa2.ros.confined_node import ConfinedNode
 from sesa2.ros.diagnostics import ERROR, OK, WARN, Diagnostics, Part
@@ -24,20 +27,26 @@ from sesa2.sensing.imu.bno055.offsets import (
     Vector,
     load_offsets,
     offsets_are_there,
+    save_accelerometer,
     save_offsets,
 )
 from sesa2.sensing.imu.bno055.scores import SYSTEM_PATIENCE, Scores
+from sesa2.sensing.imu.pose_guide import PoseGuide
+from sesa2.time import NS
 
 
 class CalibrationNode(ConfinedNode):
     """Saves an IMU's offsets the moment its scores are complete, and those of all when asked.
 
     Calibrating, the system score may stay low: then what the bridge reads is saved too, and nothing more is asked for.
+    Without fusion in the chips (RAW) there are no scores: it leads through the six poses of their accelerometers.
 
     Attributes
     ----------
     saved
         ids whose offsets were saved since the start.
+    calibrated
+        ids whose accelerometers' calibrations were.
     steps
         for each IMU heard, what to do next.
     """
@@ -55,6 +64,9 @@ class CalibrationNode(ConfinedNode):
         imus = self.configuration.imus
         self._ids = imus.all_ids
         self.saved: dict[int, Offsets] = {}
+        self.calibrated: set[int] = set()
+        self._guides = {i: PoseGuide() for i in self._ids}
+        raw, topics = self._fusion == 'RAW', imu_topics(self.configuration)
         self.steps: dict[int, str] = {}
         self._offsets: dict[int, Offsets] = {}
         self._complete: dict[int, bool] = {}
@@ -62,7 +74,9 @@ class CalibrationNode(ConfinedNode):
         self._failure = ''
         # Not what was said before: it may be of chips that another bridge served. The present one repeats itself.
         self._subscriptions_of_imus = [
-            self.create_subscription(
+            self.create_subscription(Imu, topics[i], functools.partial(self._take_raw, i), STREAM, raw=True)
+            if raw
+            else self.create_subscription(
                 ImuCalibration, imu_calibration(i), functools.partial(self._take, i), STREAM
             )
             for i in self._ids
@@ -88,10 +102,7 @@ class CalibrationNode(ConfinedNode):
         step = 'calibrated' if imu in self._done else scores.next_step(self._fusion)
         if calibrates and full and not complete and imu not in self._done:
             step += f'; should its system score stay low, its offsets are saved after {SYSTEM_PATIENCE:g} s'
-        if self.steps.get(imu) != step:
-            self.steps[imu] = step
-            if imu not in self._done:
-                self.get_logger().info(f'IMU {imu}: {step}')
+        self._tell_step(imu, step, quietly=imu in self._done)
         self._complete[imu] = complete or (calibrates and full)
         if not message.offsets_valid:
             return
@@ -114,6 +125,32 @@ class CalibrationNode(ConfinedNode):
             except Sesa2Error as error:
                 self._failure = str(error)
                 self.get_logger().error(self._failure)
+
+    def _take_raw(self, imu: int, data: bytes) -> None:
+        stamp_ns, values = read_imu_values(data)
+        if not is_inertial(values):
+            return
+        guide = self._guides[imu]
+        new = guide.add(stamp_ns / NS, np.array(values[ANGULAR_VELOCITY]), np.array(values[ACCELERATION]))
+        self._tell_step(imu, guide.next_step)
+        if not new or not guide.complete:
+            return
+        try:
+            save_accelerometer(self._file, imu, guide.fit().calibration)
+        except Sesa2Error as error:
+            self._failure = f'IMU {imu}: {error}'
+            self.get_logger().error(f'{self._failure}; once more, from the start')
+            self._guides[imu] = PoseGuide()
+            return
+        self.calibrated.add(imu)
+        self._failure = ''
+        self.get_logger().info(f"IMU {imu}: its accelerometer's calibration is saved in {self._file}")
+
+    def _tell_step(self, imu: int, step: str, *, quietly: bool = False) -> None:
+        if self.steps.get(imu) != step:
+            self.steps[imu] = step
+            if not quietly:
+                self.get_logger().info(f'IMU {imu}: {step}')
 
     def _save(self, imu: int) -> None:
         save_offsets(self._file, imu, self._offsets[imu])
@@ -146,18 +183,19 @@ class CalibrationNode(ConfinedNode):
     @property
     def result(self) -> str:
         """Of which IMUs the offsets were saved, and of which not."""
-        saved = ', '.join(str(i) for i in self._ids if i in self.saved) or 'none'
-        absent = ', '.join(str(i) for i in self._ids if i not in self.saved)
-        return f'offsets saved of: {saved}' + (f'; not of: {absent}' if absent else '')
+        done = self.calibrated if self._fusion == 'RAW' else set(self.saved)
+        saved = ', '.join(str(i) for i in self._ids if i in done) or 'none'
+        absent = ', '.join(str(i) for i in self._ids if i not in done)
+        what = 'accelerometers calibrated' if self._fusion == 'RAW' else 'offsets saved of'
+        return f'{what}: {saved}' + (f'; not of: {absent}' if absent else '')
 
     def _report(self) -> list[Part]:
         parts: list[Part] = []
         for imu in self._ids:
-            saved = 'saved' if imu in self.saved else 'not saved'
+            kept = imu in self.saved or imu in self.calibrated
+            saved = 'saved' if kept else 'not saved'
             step = self.steps.get(imu, 'nothing heard')
-            parts.append(
-                (imu_name(imu), OK if imu in self.saved else WARN, f'{step}; {saved}', {'saved': saved})
-            )
+            parts.append((imu_name(imu), OK if kept else WARN, f'{step}; {saved}', {'saved': saved}))
         if self._failure:
             parts.append((str(self._file), ERROR, self._failure, {}))
         return parts

@@ -19,6 +19,7 @@ from visualization_msgs.msg import MarkerArray
 from sesa2.alignment.earth_frame import BaseComparison
 from sesa2.alignment.straight_pose import Alignment, align_straight
 from sesa2.configuration import Configuration, files
+from sesa2.configuration.kept_accelerometers import keep_accelerometers
 from sesa2.errors import Sesa2Error
 from sesa2.estimation.arrivals import lag_in_words
 from sesa2.estimation.estimator import Estimate, Estimator
@@ -85,7 +86,9 @@ class EstimatorNode(ConfinedNode):
         self._estimator = Estimator(self.configuration)
         self.assembler = self._estimator.assembler()
         used_ids = self.configuration.imus.used_ids
-        self.intake = OrientationIntake(self.configuration.imus.fusion, used_ids)
+        self.intake = OrientationIntake(
+            self.configuration.imus.fusion, used_ids, keep_accelerometers(self.configuration)
+        )
         self.latest: Estimate | None = None
         self.aligned: Configuration | None = None
         self.n_sweeps = 0

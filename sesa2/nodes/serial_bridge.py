@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from builtin_interfaces.msg import Time
 from numpy.typing import NDArray
-from sensor_msgs.msg import Imu
+from sensor_msgs.msg import Imu, MagneticField
 from sesa2_msgs.msg import ImuCalibration
 from std_srvs.srv import Trigger
 
@@ -19,12 +19,13 @@ from sesa2.configuration import Configuration
 from sesa2.errors import Sesa2Error
 from sesa2.link.board_client import Board
 from sesa2.link.board_link import BoardLink
-from sesa2.link.packets import Data, State
+from sesa2.link.packets import Data, MagneticFields, RawData, State
 from sesa2.link.requests import FusionMode
 from sesa2.link.session import LinkSettings
 from sesa2.link.status import Event, ImuStatus, Level
+from sesa2.messages.field_messages import FieldMessages
 from sesa2.messages.imu_messages import ImuMessages
-from sesa2.messages.topic_names import imu_calibration, imu_frame, imu_topics
+from sesa2.messages.topic_names import imu_calibration, imu_field, imu_frame, imu_topics
 from sesa2.ros.confined_node import ConfinedNode
 from sesa2.ros.link_diagnostics import LinkDiagnostics
 from sesa2.ros.parameters import declare_configuration
@@ -40,7 +41,7 @@ _OFFSETS_PATIENCE_S = 5.0
 
 
 class SerialBridge(ConfinedNode):
-    """Publishes each IMU's orientation and calibration, as the chip measured them.
+    """Publishes each IMU's orientation and calibration, or its raw measurements, as the chip has them.
 
     Each board has a link with a thread of its own, from which its IMUs are also published.
 
@@ -59,6 +60,11 @@ class SerialBridge(ConfinedNode):
         topics = imu_topics(c)
         self._imu_messages = {i: ImuMessages(imu_frame(c, i)) for i in self._ids}
         self._data_publishers = {i: self.create_publisher(Imu, topics[i], STREAM) for i in self._ids}
+        self._field_messages = {i: FieldMessages(imu_frame(c, i)) for i in self._ids}
+        magnetometer = c.imus.fusion == '9d'
+        self._field_publishers = {
+            i: self.create_publisher(MagneticField, imu_field(i), STREAM) for i in self._ids if magnetometer
+        }
         self._calibration_publishers = {
             i: self.create_publisher(ImuCalibration, imu_calibration(i), LATCHED) for i in self._ids
         }
@@ -78,6 +84,7 @@ class SerialBridge(ConfinedNode):
                 rate_hz=c.serial.rate_hz,
                 fusion=FusionMode[c.serial.fusion],
                 acceleration=c.serial.acceleration,
+                magnetometer=magnetometer,
             )
             self.links.append(BoardLink(settings, self, self._saved))
         names = [f'link {board}' for board in range(len(self.links))] if len(self.links) > 1 else ['link']
@@ -121,7 +128,7 @@ class SerialBridge(ConfinedNode):
     def _load(self, c: Configuration) -> dict[int, Offsets]:
         """The saved offsets; a calibration that makes a new file may begin without one."""
         path = Path(c.calibration.file)
-        if not c.calibration.file:
+        if not c.calibration.file or c.serial.fusion == 'RAW':  # without fusion the chips use none
             return {}
         if not offsets_are_there(path):
             if c.run.mode == 'calibrate':
@@ -135,12 +142,24 @@ class SerialBridge(ConfinedNode):
 
     # Called by the links, each in its own thread
 
-    def on_sweep(self, data: Data, stamps_ns: list[int], accelerations: NDArray[np.float64] | None) -> None:
+    def on_sweep(
+        self, data: Data | RawData, stamps_ns: list[int], accelerations: NDArray[np.float64] | None
+    ) -> None:
         """Publish a sweep of a board."""
+        if isinstance(data, RawData):
+            self._publish_raw(data, stamps_ns)
+            return
         self._publish(data, stamps_ns, accelerations)
         for i, scores in zip(data.sweep.ids, data.scores, strict=True):
             if self._scores.get(i) != scores:
                 self._take_scores(i, Scores(*scores))
+
+    def on_magnetic_fields(self, fields: MagneticFields, stamps_ns: list[int]) -> None:
+        """Publish the magnetic fields of a sweep of a board."""
+        for i, stamp_ns, field in zip(fields.sweep.ids, stamps_ns, fields.fields, strict=True):
+            if np.isfinite(field).all():
+                [message] = self._field_messages[i].make_fields(np.array([stamp_ns]), field[np.newaxis])
+                self._field_publishers[i].publish(message.tobytes())
 
     def on_offsets(self, imu_id: int, offsets: Offsets) -> None:
         """Publish what was read from a chip."""
@@ -167,6 +186,15 @@ class SerialBridge(ConfinedNode):
             if acceleration is not None and not np.isfinite(acceleration).all():
                 acceleration = None
             self._data_publishers[i].publish(self._imu_messages[i].make(stamp_ns, orientation, acceleration))
+
+    def _publish_raw(self, data: RawData, stamps_ns: list[int]) -> None:
+        rows = zip(data.sweep.ids, stamps_ns, data.angular_velocities, data.accelerations, strict=True)
+        for i, stamp_ns, velocity, acceleration in rows:
+            if np.isfinite(velocity).all() and np.isfinite(acceleration).all():
+                [message] = self._imu_messages[i].make_raw(
+                    np.array([stamp_ns]), velocity[np.newaxis], acceleration[np.newaxis]
+                )
+                self._data_publishers[i].publish(message.tobytes())
 
     def _take_scores(self, imu: int, scores: Scores) -> None:
         self._scores[imu] = scores

@@ -9,7 +9,6 @@ from sesa2.link.status import Counters, ImuStatus, OffsetsState
 from sesa2.messages.topic_names import imu_name
 from sesa2.ros.confined_node import ConfinedNode
 from sesa2.ros.diagnostics import ERROR, OK, WARN, Diagnostics, Part
-from sesa2.sensing.imu.bno055.scores import Scores
 
 
 class LinkDiagnostics:
@@ -66,9 +65,10 @@ class LinkDiagnostics:
     def _report_imu(self, imu: int, status: ImuStatus | None) -> Part:
         if status is None:
             return imu_name(imu), ERROR, 'not heard yet', {}
-        scores = Scores(*status.scores)
-        fusion = self._link.settings.fusion.name
-        values = {'state': status.state.name, 'errors': status.errors, **scores._asdict()}
+        scores, fusion = status.scores, self._link.settings.fusion.name
+        values: dict[str, Any] = {'state': status.state.name, 'errors': status.errors}
+        if scores:
+            values |= scores._asdict()
         values['offsets'] = status.offsets.value
         if not self._link.session.connected:
             return imu_name(imu), ERROR, 'is on a board that does not stream', values
@@ -78,6 +78,8 @@ class LinkDiagnostics:
             return imu_name(imu), WARN, 'starts', values
         if status.offsets is OffsetsState.DIFFERENT:
             return imu_name(imu), ERROR, 'works with other offsets than those saved', values
+        if scores is None:
+            return imu_name(imu), OK, 'measures without fusion', values
         if fusion != 'IMU' and scores.mag == 0:
             return imu_name(imu), WARN, 'magnetometer not calibrated: its heading means nothing', values
         return imu_name(imu), OK, scores.next_step(fusion), values

@@ -112,7 +112,8 @@ class Terminal:
 
     def _scores(self) -> str:
         bridge = self._system.bridge
-        worst = {i: min(status.scores) for i, status in bridge.imus().items()} if bridge else {}
+        imus = bridge.imus() if bridge else {}
+        worst = {i: min(status.scores) for i, status in imus.items() if status.scores}
         return f'calibration {_line(worst, "d")}' if worst else ''
 
 

@@ -59,6 +59,7 @@ _ARM = {
         'sweep_timeout': 'wait for IMUs [s]',
         'imus.stamps': 'stamps',
         'imus.latency': 'IMU latency [s]',
+        'imus.fusion': 'fusion on the host',
         'imus.heading_filter': 'heading filter',
     },
 }

@@ -186,6 +186,14 @@ def test_frames_with_a_prefix(prefix):
         ({'rigid__boundaries': [0.1, 0.2]}, 'rigid: boundaries has 2 entries, expected 1'),
         ({'run__source': 'bag'}, "run.bag: is empty, and the source is 'bag'"),
         ({'run__mode': 'calibrate'}, "calibration.file: is empty, and the mode is 'calibrate'"),
+        (
+            {'serial__fusion': 'RAW'},
+            "serial.fusion: got 'RAW', which gives no orientations by itself, expected imus.fusion 6d or 9d",
+        ),
+        (
+            {'imus__fusion': '9d', 'run__source': 'serial'},
+            "imus.fusion: got '9d', and the chips fuse by themselves (serial.fusion: NDOF)",
+        ),
         ({'serial__rate_hz': 200}, 'serial.rate_hz: got 200, expected 1 to 100'),
     ],
 )

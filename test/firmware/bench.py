@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterable
 from simulated_board import Reading, SimulatedBoard, pattern, tick_at
 
 from sesa2.link.board_client import Board
-from sesa2.link.packets import Acceleration, Data, State
+from sesa2.link.packets import Acceleration, Data, Packet, RawData, State
 from sesa2.link.requests import BoardConfiguration, FusionMode, Hello, Stream
 
 CHIP_BOOT_S = 0.65
@@ -19,7 +19,7 @@ class Bench:
 
     def __init__(self, simulated: SimulatedBoard) -> None:
         self.simulated = simulated
-        self.packets: list[Data | Acceleration] = []
+        self.packets: list[Packet] = []
         self.client = Board(simulated.port(), lambda packet, _: self.packets.append(packet))
 
     def boot(self) -> Hello:
@@ -60,6 +60,10 @@ class Bench:
     def data(self) -> 'list[Watched]':
         """The DATA packets so far."""
         return [Watched(packet) for packet in self.packets if isinstance(packet, Data)]
+
+    def raw(self) -> list[RawData]:
+        """The RAW packets so far."""
+        return [packet for packet in self.packets if isinstance(packet, RawData)]
 
     def accelerations(self) -> list[Acceleration]:
         """The ACCELERATION packets so far."""

@@ -16,7 +16,7 @@ from simulated_board import BUILD, CHANNELS, FIRMWARE, SimulatedBoard
 from bench import Bench, Watched
 from sesa2.link import board_client as link_board
 from sesa2.link.packets import State
-from sesa2.link.requests import Stream
+from sesa2.link.requests import FusionMode, Stream
 from sesa2.sensing.imu.bno055.offsets import Offsets
 
 OFFSETS = Offsets((1, 2, 3), (4, 5, 6), (7, 8, 9), 1000, 480)
@@ -55,10 +55,21 @@ def sweeps() -> dict[str, float]:
     for name, options in {
         '400_khz': {},
         '400_khz_with_acceleration': {'flags': Stream.QUATERNIONS | Stream.ACCELERATION},
+        '400_khz_raw': {'mode': FusionMode.RAW},
+        '400_khz_raw_with_magnetometer': {'mode': FusionMode.RAW, 'magnetometer': True},
         '100_khz': {'i2c_100khz': 1},
+        '100_khz_raw': {'i2c_100khz': 1, 'mode': FusionMode.RAW},
     }.items():
+        magnetometer = options.pop('magnetometer', False)
         with streaming(**options) as bench:
-            data = bench.watch(2.0)
+            if options.get('mode') is FusionMode.RAW:
+                bench.client.stream(Stream.RAW | (Stream.MAGNETOMETER if magnetometer else 0))
+                bench.packets.clear()
+                bench.wait(2.0)
+                data = bench.raw()
+                figures[f'dropped_{name}'] = bench.client.stats().tx_dropped
+            else:
+                data = bench.watch(2.0)
             figures[f'sweep_ms_{name}'] = max(packet.sweep.scan_us for packet in data) / 1000
             figures[f'rate_hz_{name}'] = len(data) / 2.0
     return figures

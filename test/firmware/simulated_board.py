@@ -10,6 +10,7 @@ import socket
 import subprocess
 import tempfile
 import time
+from collections.abc import Iterable
 from pathlib import Path
 from types import TracebackType
 from typing import NamedTuple
@@ -112,6 +113,14 @@ class SimulatedBoard:
     def set_acceleration(self, channel: int, xyz: tuple[int, int, int]) -> None:
         """What a chip measures, raw: 100 is 1 m/s²."""
         self.command('acceleration', channel, *xyz)
+
+    def set_magnetometer(self, channel: int, xyz: tuple[int, int, int]) -> None:
+        """What a chip measures, raw: 16 is 1 µT."""
+        self.command('magnetometer', channel, *xyz)
+
+    def set_gyroscope(self, channel: int, xyz: Iterable[float]) -> None:
+        """What a chip measures, raw: 16 is 1 °/s."""
+        self.command('gyroscope', channel, *map(round, xyz))
 
     def set_pattern(self) -> None:
         """All chips turn on by themselves; see `pattern`."""

@@ -40,13 +40,13 @@ def test_hello_finds_the_chips_that_are_there(bench):
 def test_hello_of_another_version_is_answered_with_the_boards_own(bench):
     bench.boot()
     reply = ask(bench, Request(Command.HELLO, 200, b'a later version', version=9))
-    assert (reply.result, reply.version) == (Result.OK, 1)
+    assert (reply.result, reply.version) == (Result.OK, 2)
 
 
 @pytest.mark.parametrize('command', [command for command in Command if command is not Command.HELLO])
 def test_other_commands_of_another_version_are_refused(bench, command):
     bench.boot()
-    assert ask(bench, Request(command, 3, b'', version=2)) == Reply(command, 3, Result.BAD_ARGUMENT)
+    assert ask(bench, Request(command, 3, b'', version=1)) == Reply(command, 3, Result.BAD_ARGUMENT)
 
 
 @pytest.mark.parametrize(
@@ -69,10 +69,10 @@ def test_a_bad_configuration_is_refused_and_changes_nothing(bench, configuration
 
 def test_other_bad_arguments_are_refused(bench):
     bench.boot()
-    assert ask(bench, Request(Command.STREAM, 1, b'\x04')).result is Result.BAD_ARGUMENT
+    assert ask(bench, Request(Command.STREAM, 1, b'\x10')).result is Result.BAD_ARGUMENT
     assert ask(bench, Request(Command.READ_OFFSETS, 2, b'\x08')).result is Result.BAD_ARGUMENT
-    received = bench.simulated.run(0.02, encode_frame(bytes((99, 1, 7))))
-    assert FrameDecoder().feed(received) == [bytes((0x80 | 99, 1, 7, Result.BAD_ARGUMENT))]
+    received = bench.simulated.run(0.02, encode_frame(bytes((99, 2, 7))))
+    assert FrameDecoder().feed(received) == [bytes((0x80 | 99, 2, 7, Result.BAD_ARGUMENT))]
 
 
 def test_a_command_of_the_wrong_length_is_dropped_and_counted(bench):

@@ -2,9 +2,12 @@
 
 from itertools import pairwise
 
+import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
+from simulated_board import CHANNELS, Reading, pattern, tick_at
 
-from bench import assert_no_gap, assert_quaternions_right
+from bench import CLOCK_SLACK_US, assert_no_gap, assert_quaternions_right
 from sesa2.link.packets import State
 from sesa2.link.requests import BoardConfiguration, FusionMode, Stream
 
@@ -33,6 +36,51 @@ def test_a_sweep_takes_at_most_5_ms_with_one_imus_scores(streaming):
     # Eight selections of a channel, and nine reads of two transfers each: eight quaternions and one IMU's scores.
     transfers = streaming.simulated.stats()['transfers'] - before['transfers']
     assert transfers == pytest.approx(26 * len(data), abs=26)
+
+
+def test_a_raw_sweep_takes_at_most_6_ms_with_the_magnetic_field(streaming):
+    streaming.start(mode=FusionMode.RAW)
+    streaming.client.stream(Stream.RAW | Stream.MAGNETOMETER)
+    streaming.wait(0.1)
+    streaming.packets.clear()
+    streaming.wait(1.0)
+    sweeps = [packet.sweep for packet in streaming.raw()]
+    assert len(sweeps) == pytest.approx(100, abs=1)
+    assert_no_gap(streaming.raw())
+    assert max(sweep.scan_us for sweep in sweeps) <= 6000
+    assert streaming.client.stats().tx_dropped == 0
+
+
+def test_raw_sensors_measure_the_motion_that_is_played(bench):
+    """Gravity and the earth's field as the chip lies at the time, and the rate at which it turns."""
+    bench.boot()
+    bench.simulated.set_pattern()
+    bench.start(mode=FusionMode.RAW)
+    bench.client.stream(Stream.RAW | Stream.MAGNETOMETER)
+    bench.wait(0.1)
+    bench.packets.clear()
+    bench.wait(1.0)
+    packets = bench.packets[not bench.packets[0].line_bytes > 100 :]
+    assert len(packets) > 150
+    for raw, fields in zip(packets[::2], packets[1::2], strict=False):
+        assert raw.sweep == fields.sweep
+        for channel, read_ns in zip(CHANNELS, raw.sweep.read_ns(), strict=True):
+            read_us = raw.sweep.t_us + read_ns / 1000
+            turn = 2 * np.pi / 9.97
+            np.testing.assert_allclose(
+                raw.angular_velocities[channel], turn * np.eye(3)[channel % 3], atol=0.0006
+            )
+            ticks = {tick_at(channel, read_us + slack) for slack in (-CLOCK_SLACK_US, 0, CLOCK_SLACK_US)}
+            assert any(
+                np.allclose(raw.accelerations[channel], into.apply([0, 0, 9.81]), rtol=0, atol=0.006)
+                and np.allclose(fields.fields[channel], into.apply([0, 20e-6, -45e-6]), rtol=0, atol=4e-8)
+                for into in map(into_sensor, [channel] * len(ticks), ticks)
+            )
+
+
+def into_sensor(channel, tick):
+    w, x, y, z = pattern(Reading(channel, tick))
+    return Rotation.from_quat([x, y, z, w]).inv()
 
 
 @pytest.mark.parametrize('rate_hz', [1, 30, 50])

@@ -188,23 +188,23 @@ def test_a_port_that_is_held_from_the_start(bridge_bench):
 
 
 @pytest.fixture
-def board_of_version_2(build_variant, tmp_path):
-    """A board whose firmware speaks a later version of the protocol."""
+def board_of_version_1(build_variant, tmp_path):
+    """A board whose firmware speaks the first version of the protocol."""
     sketch = tmp_path / 'sesa2_firmware'
     shutil.copytree(FIRMWARE / 'sesa2_firmware', sketch)
     packets = sketch / 'packets.h'
     text = packets.read_text()
-    assert 'PROTOCOL_VERSION = 1,' in text
-    packets.write_text(text.replace('PROTOCOL_VERSION = 1,', 'PROTOCOL_VERSION = 2,'))
-    with SimulatedBoard(elf=build_variant('version_2', f'SKETCH={sketch}').elf) as simulated:
+    assert 'PROTOCOL_VERSION = 2,' in text
+    packets.write_text(text.replace('PROTOCOL_VERSION = 2,', 'PROTOCOL_VERSION = 1,'))
+    with SimulatedBoard(elf=build_variant('version_1', f'SKETCH={sketch}').elf) as simulated:
         yield simulated
 
 
-VERSIONS = 'the board speaks protocol version 2, this package version 1; flash the firmware'
+VERSIONS = 'the board speaks protocol version 1, this package version 2; flash the firmware'
 
 
-def test_a_board_of_another_version(bridge_bench, board_of_version_2):
-    bridge_bench.put_on_port(board_of_version_2)
+def test_a_board_of_another_version(bridge_bench, board_of_version_1):
+    bridge_bench.put_on_port(board_of_version_1)
     bridge = bridge_bench.start(streaming=False)
     bridge_bench.until(lambda: bridge.finished, 'its end')
     assert isinstance(bridge.failure, ProtocolVersionError)
@@ -212,13 +212,13 @@ def test_a_board_of_another_version(bridge_bench, board_of_version_2):
     assert bridge_bench.report()['link'][0] == ERROR
 
 
-def test_a_board_of_another_version_that_is_plugged_in_later(bridge_bench, board_of_version_2):
+def test_a_board_of_another_version_that_is_plugged_in_later(bridge_bench, board_of_version_1):
     bridge = bridge_bench.start()
     first = bridge_bench.simulated
     bridge_bench.port.unlink()
     first.command('cable', 0)
     bridge_bench.graph.until(lambda: not bridge.links[0].session.connected, 'a noticed pull')
-    bridge_bench.put_on_port(board_of_version_2)
+    bridge_bench.put_on_port(board_of_version_1)
     bridge_bench.until(lambda: bridge.finished, 'its end')
     assert isinstance(bridge.failure, ProtocolVersionError)
     assert VERSIONS in str(bridge.failure)

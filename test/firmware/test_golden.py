@@ -55,6 +55,8 @@ def request_body(packet: SectionProxy) -> bytes:
 BODIES = {
     'DATA': lambda packet: sweep_body(packet, 1, '<BB4h'),
     'ACCELERATION': lambda packet: sweep_body(packet, 2, '<3h'),
+    'RAW': lambda packet: sweep_body(packet, 3, '<B6h'),
+    'MAGNETOMETER': lambda packet: sweep_body(packet, 4, '<3h'),
     'REPLY': reply_body,
     'REQUEST': request_body,
 }
@@ -81,5 +83,5 @@ def test_a_bad_frame_is_bad(name):
         packet = cobs.decode(frame[:-1])
     except cobs.DecodeError:
         return
-    too_long = len(packet) > 93
+    too_long = len(packet) > 117
     assert len(packet) < 3 or too_long or crc_hqx(packet[:-2], 0xFFFF) != struct.unpack('<H', packet[-2:])[0]

@@ -5,13 +5,14 @@ The same client on both, in time that the test moves. A difference between the t
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 from virtual_world import VirtualWorld
 
 from bench import Bench, assert_no_gap
 from sesa2.link import board_client as link_board
 from sesa2.link.framing import FrameDecoder, encode_frame
 from sesa2.link.link_errors import CommandError
-from sesa2.link.packets import VERSION, Acceleration, Data, State
+from sesa2.link.packets import VERSION, Acceleration, Data, MagneticFields, RawData, State
 from sesa2.link.requests import (
     FIRMWARE,
     BoardConfiguration,
@@ -128,9 +129,10 @@ def test_what_is_no_command_is_dropped_and_counted(booted):
         Request(Command.CONFIGURE, 1, bytes((0xFF, 0, NDOF, 0))),
         Request(Command.CONFIGURE, 1, bytes((0xFF, 101, NDOF, 0))),
         Request(Command.CONFIGURE, 1, bytes((0xFF, 100, 0x00, 0))),
+        Request(Command.CONFIGURE, 1, bytes((0xFF, 100, 0x05, 0))),
         Request(Command.CONFIGURE, 1, bytes((0xFF, 100, 0x09, 0))),
         Request(Command.CONFIGURE, 1, bytes((0xFF, 100, NDOF, 2))),
-        Request(Command.STREAM, 1, b'\x04'),
+        Request(Command.STREAM, 1, b'\x10'),
         Request(Command.STREAM, 1, b'\xff'),
         Request(Command.READ_OFFSETS, 1, b'\x08'),
         Request(Command.WRITE_OFFSETS, 1, b'\xff' + bytes(22)),
@@ -203,6 +205,123 @@ def test_acceleration_alone(booted):
     assert {type(packet) for packet in booted.packets} == {Acceleration}
     seqs = [packet.sweep.seq for packet in booted.packets]
     assert seqs == list(range(seqs[0], seqs[0] + len(seqs)))
+
+
+# The raw sensors
+
+ALL = Stream.QUATERNIONS | Stream.ACCELERATION | Stream.RAW | Stream.MAGNETOMETER
+RAW_STREAM = Stream.RAW | Stream.MAGNETOMETER
+
+
+def in_sensor(channel, vector):
+    """A vector of the earth frame in the axes of a chip that `lay_out` has turned, by another library's rotations."""
+    return turned(channel).inv().apply(vector)
+
+
+def turned(channel):
+    return Rotation.from_euler('xyz', [25.0 + 40.0 * channel, -35.0 + 9.0 * channel, 70.0], degrees=True)
+
+
+def lay_out(bench, degrees_per_s=0.0):
+    """Turn each chip its own way; show it gravity and the earth's field, and turn it about the vertical."""
+    velocities = []
+    for channel in range(8):
+        x, y, z, w = np.rint(16384 * turned(channel).as_quat()).astype(int)
+        bench.simulated.set_quaternion(channel, (w, x, y, z))
+        up = in_sensor(channel, [0.0, 0.0, 1.0])
+        bench.simulated.set_acceleration(channel, np.rint(980.665 * up).astype(int))
+        field = in_sensor(channel, [0.0, 320.0, -720.0])
+        bench.simulated.set_magnetometer(channel, np.rint(field).astype(int))
+        velocities.append(np.deg2rad(degrees_per_s) * up)
+        bench.simulated.set_gyroscope(channel, 16 * degrees_per_s * up)
+    return np.array(velocities)
+
+
+def packets_of(bench, seconds):
+    bench.packets.clear()
+    bench.wait(seconds)
+    return bench.packets
+
+
+def test_raw_sweeps(booted):
+    """Each axis is that of the chip, in SI units; a turn about the vertical leaves gravity where it is."""
+    booted.simulated.command('unplug', 2)
+    booted.start(mode=FusionMode.RAW, flags=Stream.QUATERNIONS)
+    velocities = lay_out(booted, degrees_per_s=50.0)
+    booted.client.stream(Stream.RAW)
+    booted.wait(0.3)
+    packets = packets_of(booted, 1.0)
+    assert {type(packet) for packet in packets} == {RawData}
+    assert len(packets) == pytest.approx(100, abs=1)
+    assert_no_gap(packets)
+    expected = 9.80665 * np.array([in_sensor(channel, [0.0, 0.0, 1.0]) for channel in range(8)])
+    velocities[2] = expected[2] = np.nan
+    for packet in packets:
+        np.testing.assert_allclose(packet.angular_velocities, velocities, rtol=0, atol=0.0007)
+        np.testing.assert_allclose(packet.accelerations, expected, rtol=0, atol=0.006)
+        assert packet.states == [State.RUN] * 2 + [State.ABSENT] + [State.RUN] * 5
+        assert packet.errors == [0] * 8
+        assert packet.sweep.scan_us <= 6000
+    stats = booted.client.stats()
+    assert (stats.late, stats.tx_dropped, stats.comebacks) == (0, 0, (0,) * 8)
+
+
+def test_magnetic_fields_beside_the_raw_sweeps(booted):
+    booted.simulated.command('unplug', 5)
+    booted.start(mode=FusionMode.RAW, flags=Stream.QUATERNIONS)
+    lay_out(booted)
+    booted.client.stream(RAW_STREAM)
+    booted.wait(0.3)
+    packets = packets_of(booted, 0.5)
+    packets = packets[not isinstance(packets[0], RawData) :]
+    packets = packets[: len(packets) // 2 * 2]
+    assert [type(packet) for packet in packets] == [RawData, MagneticFields] * (len(packets) // 2)
+    expected = np.array([in_sensor(channel, [0.0, 20e-6, -45e-6]) for channel in range(8)])
+    expected[5] = np.nan
+    for raw, fields in zip(packets[::2], packets[1::2], strict=True):
+        assert raw.sweep == fields.sweep
+        np.testing.assert_allclose(fields.fields, expected, rtol=0, atol=0.04e-6)
+
+
+@pytest.mark.parametrize('mode', FusionMode)
+def test_what_each_mode_measures(booted, mode):
+    """The rest is sent as not measured."""
+    booted.start(mask=0x03, mode=mode)
+    for channel in range(8):
+        booted.simulated.command('calibration', channel, 0xFF)
+    booted.client.stream(ALL)
+    booted.wait(0.1)
+    latest = {type(packet): packet for packet in packets_of(booted, 0.2)}
+    raw = mode is FusionMode.RAW
+    assert np.isfinite(latest[RawData].angular_velocities).all() == raw
+    assert np.isfinite(latest[RawData].accelerations).all()
+    assert np.isfinite(latest[MagneticFields].fields).all() == raw
+    assert np.isfinite(latest[Acceleration].accelerations).all()
+    assert latest[Data].orientations.any() != raw
+    assert list(latest[Data].calib) == [0 if raw else 0xFF] * 2
+    assert latest[Data].states == latest[RawData].states == [State.RUN] * 2
+    booted.client.stream(Stream.RAW)
+    last = packets_of(booted, 0.2)[-1]
+    assert np.isfinite(last.accelerations).all() == np.isfinite(last.accelerations).any() == raw
+
+
+def test_from_fusion_to_raw_and_back(streaming):
+    for mode in (FusionMode.RAW, NDOF):
+        streaming.packets.clear()
+        streaming.client.configure(BoardConfiguration(0xFF, 100, mode, 0))
+        streaming.wait(0.2)
+        assert states_of(streaming, 4)[-3:] == [State.TO_CONFIG, State.TO_NDOF, State.RUN]
+        assert any(streaming.data()[-1].quaternion_of(4)) == (mode is NDOF)
+    assert streaming.client.stats().comebacks == (0,) * 8
+
+
+def test_a_raw_chip_goes_and_comes_back(booted):
+    booted.start(mode=FusionMode.RAW)
+    booted.client.stream(Stream.RAW | Stream.QUATERNIONS)
+    come_and_go(booted, 3)
+    last = [packet for packet in packets_of(booted, 0.1) if isinstance(packet, RawData)][-1]
+    assert np.isfinite(last.accelerations).all()
+    assert booted.client.stats().comebacks == (0, 0, 0, 1, 0, 0, 0, 0)
 
 
 def test_stop_and_go_on(streaming):

@@ -1,5 +1,6 @@
 """The package's virtual firmware in the place of the simulated board: the same controls, and time that a test moves."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from random import Random
 
@@ -8,6 +9,7 @@ from simulated_board import CHANNELS, SimulatedClock, SteppedPort
 
 from sesa2.link.virtual.chip import Chip
 from sesa2.link.virtual.firmware import EXTERNAL_RESET, POWER_ON, Firmware
+from sesa2.shape import rotations
 
 _US_PER_S = 1_000_000
 
@@ -38,6 +40,7 @@ class VirtualWorld:
         self.now_us = 0
         self._chips = {k + 1: ChipInHand(Random(k), 0) for k in CHANNELS}
         self._quaternions = dict.fromkeys(self._chips, (0.0, 0.0, 0.0, 1.0))
+        self._velocities = dict.fromkeys(self._chips, np.zeros(3))
         for chip in self._chips.values():
             chip.power_on(0)
         self._start(POWER_ON)
@@ -48,7 +51,8 @@ class VirtualWorld:
 
     def _measure(self, ids, t_us, headings):
         rows = np.array([self._quaternions[i] for i in ids])
-        return np.broadcast_to(rows, (*np.shape(t_us), 4))
+        turned = np.asarray(t_us)[..., np.newaxis] * 1e-6 * [self._velocities[i] for i in ids]
+        return rotations.multiply(rows, rotations.from_rotation_vector(turned))
 
     def run(self, seconds: float, send: bytes = b'') -> bytes:
         """Send bytes to the board, let time pass, return all that the board has sent meanwhile."""
@@ -86,6 +90,13 @@ class VirtualWorld:
 
     def set_acceleration(self, channel: int, xyz: tuple[int, int, int]) -> None:
         """Gravity alone is what virtual chips measure, as their orientation has it."""
+
+    def set_magnetometer(self, channel: int, xyz: tuple[int, int, int]) -> None:
+        """The earth's field is what virtual chips measure, as their orientation has it."""
+
+    def set_gyroscope(self, channel: int, xyz: Iterable[float]) -> None:
+        """Turn a chip from now on, raw: 16 is 1 °/s in its own axes."""
+        self._velocities[channel + 1] = np.deg2rad(xyz) / 16
 
     def clock(self) -> SimulatedClock:
         """Its time, in place of the module `time`."""

@@ -21,7 +21,7 @@ class Recorder:
     """Notes all that a session tells, and wakes whoever waits for something."""
 
     def __init__(self):
-        self.data, self.accelerations, self.offsets, self.events = [], [], [], []
+        self.data, self.accelerations, self.fields, self.offsets, self.events = [], [], [], [], []
         self._changed = threading.Condition()
 
     def on_data(self, data, stamps_ns):
@@ -29,6 +29,9 @@ class Recorder:
 
     def on_acceleration(self, acceleration, stamps_ns):
         self._note(self.accelerations, (acceleration, stamps_ns))
+
+    def on_magnetic_fields(self, fields, stamps_ns):
+        self._note(self.fields, (fields, stamps_ns))
 
     def on_offsets(self, imu_id, offsets):
         self._note(self.offsets, (imu_id, offsets))

@@ -125,7 +125,7 @@ def test_bad_argument(connect):
 
 def test_another_version_is_named(connect):
     _, board, _ = connect(version=7)
-    told = r'speaks protocol version 7, this package version 1; .*make -C firmware upload'
+    told = r'speaks protocol version 7, this package version 2; .*make -C firmware upload'
     with pytest.raises(ProtocolVersionError, match=told):
         board.hello()
 
@@ -157,7 +157,7 @@ def test_a_device_that_says_something_else(connect, monkeypatch):
 
 def test_intact_frames_that_are_no_packets_are_counted(connect, monkeypatch):
     virtual, board, _ = connect()
-    frames = [encode_frame(b'\x07nonsense'), encode_frame(b'\x8a\x01\x01\x00'), encode_frame(b'\xff')]
+    frames = [encode_frame(b'\x07nonsense'), encode_frame(b'\x8a\x02\x01\x00'), encode_frame(b'\xff')]
     monkeypatch.setattr(virtual._firmware, 'advance', lambda now_us: [frames.pop()] if frames else [])
     virtual.unmute()  # wakes it
     poll(board, lambda: board.malformed == 3)

@@ -9,10 +9,14 @@ from sesa2.link.link_errors import PacketError
 from sesa2.link.packets import (
     Acceleration,
     Data,
+    MagneticFields,
+    RawData,
     SweepHeader,
     decode_stream,
     encode_acceleration,
     encode_data,
+    encode_magnetometer,
+    encode_raw,
 )
 from sesa2.link.requests import Hello, Reply, Request, Stats, decode_reply, decode_request, is_reply
 
@@ -64,6 +68,36 @@ def test_acceleration(name):
     np.testing.assert_allclose(acceleration.accelerations, expected, rtol=0, atol=1e-9)
     assert acceleration.line_bytes == len(frame_of(name))
     assert encode_frame(encode_acceleration(acceleration.sweep, acceleration.accelerations)) == frame_of(name)
+
+
+def in_si(raw, lsb):
+    """Raw vectors, one a row, in SI units; −32768 thrice is not measured."""
+    return np.where((raw == -32768).all(axis=1, keepdims=True), np.nan, raw * lsb)
+
+
+@pytest.mark.parametrize('name', names('RAW'))
+def test_raw(name):
+    packet, raw = PACKETS[name], decode_stream(body_of(name))
+    rows = rows_of(packet, 7)
+    assert isinstance(raw, RawData)
+    assert raw.sweep == sweep_of(packet)
+    np.testing.assert_array_equal(list(raw.health), rows[:, 0])
+    velocities = in_si(rows[:, 1:4], np.pi / 180 / 16)
+    np.testing.assert_allclose(raw.angular_velocities, velocities, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(raw.accelerations, in_si(rows[:, 4:], 0.01), rtol=0, atol=1e-12)
+    assert raw.line_bytes == len(frame_of(name))
+    again = encode_raw(raw.sweep, raw.angular_velocities, raw.accelerations, raw.health)
+    assert encode_frame(again) == frame_of(name)
+
+
+@pytest.mark.parametrize('name', names('MAGNETOMETER'))
+def test_magnetometer(name):
+    packet, fields = PACKETS[name], decode_stream(body_of(name))
+    assert isinstance(fields, MagneticFields)
+    assert fields.sweep == sweep_of(packet)
+    np.testing.assert_allclose(fields.fields, in_si(rows_of(packet, 3), 1e-6 / 16), rtol=0, atol=1e-15)
+    assert fields.line_bytes == len(frame_of(name))
+    assert encode_frame(encode_magnetometer(fields.sweep, fields.fields)) == frame_of(name)
 
 
 @pytest.mark.parametrize('name', names('REPLY'))

@@ -5,10 +5,14 @@ from hypothesis import strategies as st
 
 from sesa2.link.link_errors import PacketError
 from sesa2.link.packets import (
+    Acceleration,
     Data,
+    MagneticFields,
+    RawData,
     SweepHeader,
     decode_stream,
     encode_data,
+    encode_raw,
     register_of,
     scores_of,
 )
@@ -16,12 +20,12 @@ from sesa2.sensing.imu.bno055.scores import Scores
 
 # Channels 0 and 2: the first runs, (w, x, y, z) = (1, 0, 0, 0), all scores 3; the second is absent, 15 errors.
 DATA = bytes.fromhex(
-    '01 01 34 12 78 56 34 12 68 10 05'
+    '01 02 34 12 78 56 34 12 68 10 05'
     '03 ff 00 40 00 00 00 00 00 00'
     'f0 00 00 00 00 00 00 00 00 00'
 )  # fmt: skip
 # The same sweep: (0.01, −0.02, 9.81) m/s², and not measured.
-ACCELERATION = bytes.fromhex('02 01 34 12 78 56 34 12 68 10 05 01 00 fe ff d5 03 00 80 00 80 00 80')
+ACCELERATION = bytes.fromhex('02 02 34 12 78 56 34 12 68 10 05 01 00 fe ff d5 03 00 80 00 80 00 80')
 SWEEP = SweepHeader(seq=0x1234, t_us=0x12345678, scan_us=4200, mask=0b101)
 
 
@@ -67,18 +71,32 @@ def test_data_comes_back(mask, seq, t_us, scan_us, seed):
     np.testing.assert_allclose(data.orientations, q, rtol=0, atol=2**-15 + 1e-12)
 
 
+def test_what_is_beyond_a_sensors_range_is_its_end_and_never_its_other_sign():
+    body = encode_raw(
+        SWEEP, [[40.0, -40.0, 0.0], [np.nan] * 3], [[400.0, -400.0, 9.81], [np.nan] * 3], bytes(2)
+    )
+    raw = decode_stream(body)
+    np.testing.assert_allclose(raw.angular_velocities[0], np.deg2rad([2047.94, -2048, 0]), rtol=1e-5)
+    np.testing.assert_allclose(raw.accelerations[0], [327.67, -327.68, 9.81])
+    assert np.isnan(raw.accelerations[1]).all()
+    assert np.isnan(raw.angular_velocities[1]).all()
+
+
 @pytest.mark.parametrize(
     ('body', 'message'),
     [
         (b'', 'at least 11 bytes, got 0'),
         (DATA[:10], 'at least 11 bytes, got 10'),
-        (b'\x03' + DATA[1:], 'unknown packet type 3'),
-        (b'\x01\x02' + DATA[2:], 'version 2, expected 1'),
+        (b'\x05' + DATA[1:], 'unknown packet type 5'),
+        (b'\x01\x01' + DATA[2:], 'version 1, expected 2'),
         (DATA[:-1], 'of 2 IMUs has 31 bytes, got 30'),
         (DATA + b'\x00', 'of 2 IMUs has 31 bytes, got 32'),
         (DATA[:10] + b'\x07' + DATA[11:], 'of 3 IMUs has 41 bytes, got 31'),
         (DATA[:11] + b'\x04' + DATA[12:], 'state beyond 3'),
         (ACCELERATION[:-2], 'of 2 IMUs has 23 bytes, got 21'),
+        (b'\x03' + DATA[1:], 'RAW packet of 2 IMUs has 37 bytes, got 31'),
+        (b'\x04' + DATA[1:], 'MAGNETOMETER packet of 2 IMUs has 23 bytes, got 31'),
+        (b'\x03' + DATA[1:10] + b'\x01\x04' + bytes(12), 'RAW packet with a state beyond 3'),
     ],
 )
 def test_refused(body, message):
@@ -86,10 +104,10 @@ def test_refused(body, message):
         decode_stream(body)
 
 
-@given(st.binary(max_size=91))
+@given(st.binary(max_size=115))
 def test_any_bytes_are_a_packet_or_refused(body):
     try:
         packet = decode_stream(body)
     except PacketError:
         return
-    assert body[0] == (1 if isinstance(packet, Data) else 2)
+    assert body[0] == 1 + [Data, Acceleration, RawData, MagneticFields].index(type(packet))

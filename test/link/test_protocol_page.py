@@ -65,7 +65,12 @@ STATS = tables('STATS reply after result')[0]
 
 @pytest.mark.parametrize(
     ('section', 'kind', 'type_'),
-    [('### DATA', 0, packets._DATA), ('### ACCELERATION', 0, packets._ACCELERATION)],
+    [
+        ('### DATA', 0, packets._DATA),
+        ('### ACCELERATION', 0, packets._ACCELERATION),
+        ('### RAW', 0, packets._RAW),
+        ('### MAGNETOMETER', 0, packets._MAGNETOMETER),
+    ],
 )
 def test_heads_of_stream_packets(section, kind, type_):
     rows = tables(section)[kind]
@@ -89,6 +94,16 @@ def test_entries_of_stream_packets():
     states = re.findall(r'(\d) ([A-Z_]{3,})', entries[0][3])
     assert [(int(value), name) for value, name in states] == [(s.value, s.name) for s in State]
     assert tables('### ACCELERATION')[0][6][1] == 'i16 ×3 per set bit'
+    assert tables('### MAGNETOMETER')[0][6][1] == 'i16 ×3 per set bit'
+
+
+def test_entries_of_raw_packets():
+    entries = tables('### RAW')[1]
+    size = packets._RAW_ENTRY.itemsize
+    assert struct.calcsize(format_of(row[1] for row in entries)) == size
+    assert tables('### RAW')[0][6][1] == f'{size} bytes per set bit, lowest first'
+    for (offset, *_), name in zip(entries, ('health', 'angular_velocity', 'acceleration'), strict=True):
+        assert int(offset) == packets._RAW_ENTRY.fields[name][1]
 
 
 def test_commands():
@@ -115,10 +130,12 @@ def test_results_modes_and_flags():
     assert said == [(result.value, result.name) for result in Result]
     modes = re.findall(r'(0x[0-9A-F]{2}) ([A-Z_]+)', COMMANDS[1][4])
     assert {name: int(value, 16) for value, name in modes} == {mode.name: mode.value for mode in FusionMode}
-    flags = re.findall(r'(\d) (quaternions|acceleration|stop)', COMMANDS[2][4])
+    flags = re.findall(r'(\d) (quaternions|acceleration|raw|magnetometer|stop)', COMMANDS[2][4])
     assert {name: int(value) for value, name in flags} == {
         'quaternions': Stream.QUATERNIONS,
         'acceleration': Stream.ACCELERATION,
+        'raw': Stream.RAW,
+        'magnetometer': Stream.MAGNETOMETER,
         'stop': Stream.STOP,
     }
 
@@ -126,7 +143,7 @@ def test_results_modes_and_flags():
 def test_version_and_sizes():
     assert int(re.search(r'Protocol version \*\*(\d+)\*\*', PAGE)[1]) == packets.VERSION
     longest, frame = re.search(r'longest body is the (\d+) bytes .*?: (\d+) bytes on the line', PAGE).groups()
-    assert int(longest) == framing.MAX_BODY == packets._HEAD.size + 8 * packets._ENTRY.itemsize
+    assert int(longest) == framing.MAX_BODY == packets._HEAD.size + 8 * packets._RAW_ENTRY.itemsize
     assert int(frame) == framing.MAX_BODY + framing.FRAMING_BYTES
     assert len(Offsets((0,) * 3, (0,) * 3, (0,) * 3, 0, 0).to_registers()) == requests.OFFSET_BYTES
 
@@ -138,10 +155,14 @@ def test_the_boards_headers():
         'OFFSETS_SIZE': requests.OFFSET_BYTES,
         'PACKET_DATA': packets._DATA,
         'PACKET_ACCELERATION': packets._ACCELERATION,
+        'PACKET_RAW': packets._RAW,
+        'PACKET_MAGNETOMETER': packets._MAGNETOMETER,
         'STREAM_QUATERNIONS': Stream.QUATERNIONS,
         'STREAM_ACCELERATION': Stream.ACCELERATION,
+        'STREAM_RAW': Stream.RAW,
+        'STREAM_MAGNETOMETER': Stream.MAGNETOMETER,
         'NO_QUATERNION': 0,
-        'NO_ACCELERATION': packets._NOT_MEASURED,
+        'NO_VECTOR': packets._NOT_MEASURED,
         **{f'COMMAND_{command.name}': command.value for command in Command},
         **{f'RESULT_{result.name}': result.value for result in Result},
         **{f'STATE_{state.name}': state.value for state in State},

@@ -10,6 +10,7 @@ from sesa2.errors import Sesa2Error
 from sesa2.messages.field_messages import FIELD_TYPE, FieldMessages, read_field
 from sesa2.messages.imu_messages import TYPE, ImuMessages, read_imu
 from sesa2.messages.orientation_intake import NO_ORIENTATION, NOTHING_TO_FUSE, OrientationIntake
+from sesa2.sensing.imu.accelerometer_calibration import AccelerometerCalibration, KeptAccelerometers
 
 needs_vqf = pytest.mark.skipif(find_spec('vqf') is None, reason='vqf is not installed (extra raw)')
 T0 = 1_700_000_000_000_000_000
@@ -89,3 +90,32 @@ def test_imus_that_are_not_used_pass_and_are_not_counted():
     taken = OrientationIntake('6d', [1]).take_many(np.array([9, 9, 9]), data)
     assert taken.usable.all()
     assert not taken.orientations.any()
+
+
+@needs_vqf
+def test_an_accelerometers_calibration_is_applied_before_fusion():
+    n = 300
+    calibration = AccelerometerCalibration((0.4, -0.3, 0.2), ((1.05, 0, 0), (0, 0.95, 0.02), (0, 0, 1.0)))
+    up = np.array([2.0, 3.0, np.sqrt(9.81**2 - 13.0)])
+    said = np.linalg.solve(calibration.matrix, up) + calibration.bias
+    stamps = T0 + 10_000_000 * np.arange(n)
+    messages = {
+        name: [
+            row.tobytes()
+            for row in ImuMessages('imu_1').make_raw(stamps, np.zeros((n, 3)), np.tile(a, (n, 1)))
+        ]
+        for name, a in (('true', up), ('said', said))
+    }
+    kept = KeptAccelerometers({1: calibration})
+    ids = np.ones(n, int)
+    true = OrientationIntake('6d', [1]).take_many(ids, messages['true']).orientations
+    corrected = OrientationIntake('6d', [1], kept).take_many(ids, messages['said']).orientations
+    raw = OrientationIntake('6d', [1]).take_many(ids, messages['said']).orientations
+    np.testing.assert_allclose(corrected, true, atol=1e-9)
+    assert np.abs(raw[-1] - true[-1]).max() > 0.01
+    one_by_one = OrientationIntake('6d', [1], kept)
+    assert one_by_one.take(1, messages['said'][0])[1:] == pytest.approx(true[0].tolist())
+
+
+def test_a_calibration_that_is_missing_is_told():
+    assert OrientationIntake('none', [1], KeptAccelerometers({}, ('gone',))).doubts == ['gone']

@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 import yaml
 from diagnostic_msgs.msg import DiagnosticStatus
+from held_poses import recording
+from sensor_msgs.msg import Imu
 from sesa2_msgs.msg import ImuCalibration
 from std_srvs.srv import Trigger
 from virtual_arms import arm_of, halted, plausible
@@ -14,10 +16,17 @@ from virtual_arms import arm_of, halted, plausible
 from sesa2.configuration import ConfigurationError, validate
 from sesa2.link.packets import register_of
 from sesa2.link.virtual import chip
+from sesa2.messages.imu_messages import ImuMessages
 from sesa2.nodes.calibration import CalibrationNode
 from sesa2.nodes.serial_bridge import SerialBridge
-from sesa2.ros.qos import LATCHED
-from sesa2.sensing.imu.bno055.offsets import Offsets, OffsetsError, load_offsets, save_offsets
+from sesa2.ros.qos import LATCHED, STREAM
+from sesa2.sensing.imu.bno055.offsets import (
+    Offsets,
+    OffsetsError,
+    load_accelerometers,
+    load_offsets,
+    save_offsets,
+)
 from sesa2.sensing.imu.bno055.scores import Scores
 
 OLD = Offsets((9, 9, 9), (9, 9, 9), (9, 9, 9), 999, 999)
@@ -272,3 +281,45 @@ def test_a_board_whose_system_score_is_low_or_comes_and_goes(
     assert all('offsets saved' in line or 'its system score' in line for line in later), later
     assert sum('IMU 2: offsets saved' in line for line in told + later) <= 2
     assert len(calibration.saved) == 2
+
+
+# Without fusion in the chips
+
+
+def test_it_leads_through_the_six_poses_of_raw_imus(graph, configured, file):
+    """Other offsets stay; the other IMU, of which nothing is heard, is not said to be saved."""
+    save_offsets(file, 2, OLD)
+    given = values(file, mode='calibrate')
+    given['serial']['fusion'] = 'RAW'
+    node = graph.add(CalibrationNode(parameter_overrides=configured(given)))
+    publisher = graph.probe.create_publisher(Imu, 'imu_2/data', STREAM)
+    graph.matched('imu_2/data')
+    logs, diagnosis = graph.listen_to_logs(), graph.diagnosis()
+    bias = np.array([0.2, -0.3, 0.1])
+    t, a, w, _ = recording(np.random.default_rng(0), [2.0] * 6)
+    stamps = 1_700_000_000_000_000_000 + np.round(t * 1e9).astype(np.int64)
+    messages = [row.tobytes() for row in ImuMessages('imu_2').make_raw(stamps, w, a + bias)]
+
+    def taken():
+        samples = node._guides[2]._samples
+        return samples[-1][0] if samples else 0.0
+
+    for k, message in enumerate(messages):
+        publisher.publish(message)
+        if k % 50 == 49:  # as fast as they are taken
+            graph.until(lambda s=stamps[k]: taken() >= s / 1e9, 'what was said')
+    graph.until(lambda: node.calibrated == {2}, 'the calibration')
+    np.testing.assert_allclose(load_accelerometers(file, (2,))[2].bias, bias, atol=0.02)
+    assert load_offsets(file, (2,)).offsets == {2: OLD}
+    assert graph.until(
+        lambda: [m for m in logs if 'hold it still for 2 s with each of these sides up: -z' in m.msg],
+        'a step',
+    )
+    graph.until(
+        lambda: (
+            (d := diagnosis.latest('calibration: imu_2'))
+            and d[:2] == (DiagnosticStatus.OK, 'calibrated; saved')
+        ),
+        'a diagnosis',
+    )
+    assert diagnosis.latest('calibration: imu_5')[1] == 'nothing heard; not saved'

@@ -1,22 +1,29 @@
 """IMUs without orientation on a real graph: told, or fused as a replay fuses them."""
 
+import time
 from importlib.util import find_spec
 
 import numpy as np
 import pytest
 from geometry_msgs.msg import PoseArray
 from sensor_msgs.msg import Imu, MagneticField
+from virtual_arms import arm_of
 
 from sesa2.bags.reading import read_poses
 from sesa2.bags.recording import open_recording
 from sesa2.bags.replay import replay
 from sesa2.bags.writing import new_bag
+from sesa2.configuration import validate
+from sesa2.link.clock import steady_ns
 from sesa2.messages.field_messages import FIELD_TYPE, FieldMessages
 from sesa2.messages.imu_messages import TYPE, ImuMessages
 from sesa2.nodes.estimator import EstimatorNode
 from sesa2.nodes.player import Player
 from sesa2.nodes.recorder import Recorder
+from sesa2.nodes.serial_bridge import SerialBridge
 from sesa2.ros.qos import STREAM
+from sesa2.shape.measured import Measured
+from sesa2.shape.models import create_model
 
 VALUES = {
     'arm': {'length': 0.2},
@@ -145,3 +152,32 @@ def test_fields_are_played_beside_their_samples(graph, configured, tmp_path):
     graph.until(lambda: all(got.values()), 'samples and fields')
     for (i, kind), messages in got.items():
         assert set(messages) <= set(said[i][kind == 'mag'])
+
+
+@needs_vqf
+def test_a_board_without_fusion_gives_the_shape_of_its_arm(graph, configured, boards):
+    """Gyroscopes, accelerometers and magnetometers over the link, fused here: the markers are where the arm is."""
+    given = {
+        **values('9d'),
+        'imus': {**values('9d')['imus'], 'positions': [0.1, 0.2], 'headings': [0.3, -0.4]},
+        'models': ['pcc_exact'],
+        'serial': {'fusion': 'RAW'},
+    }
+    c = validate(given)
+    board = boards(arm_of(c))
+    given['serial'] = {'fusion': 'RAW', 'port': board.path}
+    graph.add(EstimatorNode(parameter_overrides=configured(given)))
+    markers = graph.listen(PoseArray, 'pcc_exact/markers', STREAM)
+    graph.add(SerialBridge(parameter_overrides=configured(given)))
+    graph.until(lambda: len(markers) >= 900, '9 s of shapes')  # it holds still for 3, then moves
+    to_steady_ns = time.time_ns() - steady_ns()
+    errors, travel = [], []
+    for message in markers[-400:]:
+        stamp_ns = message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
+        links = board.truth(board.motion_time(stamp_ns - to_steady_ns))
+        true = create_model('pcc_exact', c.layout).fit(Measured(links, c.base)).positions([0.1])[0]
+        p = message.poses[0].position
+        errors.append(np.linalg.norm([p.x, p.y, p.z] - true))
+        travel.append(true)
+    assert np.ptp(travel, axis=0).max() > 0.02
+    assert np.median(errors) < 0.004

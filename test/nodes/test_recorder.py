@@ -57,6 +57,28 @@ def live(graph, configured, boards):
     return start
 
 
+def test_raw_measurements_are_recorded_whole(graph, configured, boards, tmp_path):
+    """Acceleration, which is left out beside orientations, is half of them."""
+    given = values(tmp_path / 'raw')
+    board = boards(arm_of(validate(given)))
+    given['serial'], given['imus']['fusion'] = {'port': board.path, 'fusion': 'RAW'}, '9d'
+    recorder = graph.add(Recorder(parameter_overrides=configured(given)))
+    graph.add(SerialBridge(parameter_overrides=configured(given)))
+    graph.until(lambda: recorder.n_messages > 100, 'messages')
+    recorder.close()
+    types = {'imu_3/data': 'sensor_msgs/msg/Imu', 'imu_3/mag': 'sensor_msgs/msg/MagneticField'}
+    found = messages_by_topic(recorder.path)
+    for name, kind in types.items():
+        [topic] = [topic for topic in found if topic.endswith(name)]
+        message = typestore().deserialize_cdr(found[topic][-1].data, kind)
+        if kind.endswith('Imu'):
+            a = message.linear_acceleration
+            assert np.linalg.norm([a.x, a.y, a.z]) > 9.0
+            assert message.linear_acceleration_covariance[0] == 0.0
+        else:
+            assert abs(message.magnetic_field.z) > 1e-7
+
+
 def messages_by_topic(bag):
     """All messages of a bag, in order."""
     found = {}

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
 from processes import failed_clearly, node
-from sensor_msgs.msg import Imu
+from scipy.spatial.transform import Rotation
+from sensor_msgs.msg import Imu, MagneticField
 from sesa2_msgs.msg import ImuCalibration
 from std_srvs.srv import Trigger
 from virtual_arms import arm_of, halted, plausible
@@ -110,10 +111,10 @@ def test_stamps_are_of_the_measurement(graph, bridge_on, boards):
         assert (np.diff(stamps[i]) > 0).all()
         assert before - 10**9 < stamps[i][0]
         assert stamps[i][-1] < time.time_ns()
-    # One after another in a sweep, as the board read them: the virtual board takes 525 µs for each.
-    common = sorted(set(stamps[2] // 1000) & set((stamps[3] - 525_000) // 1000))
+    # One after another in a sweep, as the board read them: the virtual board takes 450 µs for each.
+    common = sorted(set(stamps[2] // 1000) & set((stamps[3] - 450_000) // 1000))
     assert len(common) > 50
-    np.testing.assert_array_equal(np.isin(np.array(common), (stamps[5] - 1_050_000) // 1000)[1:-1], True)
+    np.testing.assert_array_equal(np.isin(np.array(common), (stamps[5] - 900_000) // 1000)[1:-1], True)
     # The arm moves: at its stamp, a sample is the truth, as near as the stamps are.
     to_steady_ns = time.time_ns() - steady_ns()
     for k, i in enumerate(IDS):
@@ -132,6 +133,51 @@ def test_acceleration_on_demand(graph, bridge_on, still_board):
         a = message.linear_acceleration
         assert message.linear_acceleration_covariance[0] == 0.0
         assert np.linalg.norm([a.x, a.y, a.z]) == pytest.approx(GRAVITY, abs=0.02)
+
+
+def test_raw_measurements_as_rep_145_wants_them(graph, bridge_on, still_board):
+    bridge_on(still_board.path, serial={'fusion': 'RAW'}, imus={'fusion': '9d'})
+    diagnosis = graph.diagnosis()
+    messages = {i: graph.listen(Imu, f'imu_{i}/data', STREAM) for i in IDS}
+    fields = {i: graph.listen(MagneticField, f'imu_{i}/mag', STREAM) for i in IDS}
+    graph.until(
+        lambda: all(len(m) >= 20 for m in (*messages.values(), *fields.values())), '20 messages of each'
+    )
+    given = still_board.arm.orientations(IDS, np.zeros(3), np.zeros(3))
+    for q, i in zip(given, IDS, strict=True):
+        into_sensor = Rotation.from_quat(q).inv()
+        for message in messages[i]:
+            assert message.header.frame_id == f'imu_{i}'
+            assert message.orientation_covariance[0] == -1.0
+            assert orientation(message).tolist() == [0.0, 0.0, 0.0, 1.0]  # which says nothing
+            assert message.angular_velocity_covariance[0] == message.linear_acceleration_covariance[0] == 0.0
+            w, a = message.angular_velocity, message.linear_acceleration
+            assert (w.x, w.y, w.z) == (0.0, 0.0, 0.0)  # it holds still
+            np.testing.assert_allclose([a.x, a.y, a.z], into_sensor.apply([0, 0, GRAVITY]), atol=0.006)
+        for message in fields[i]:
+            b = message.magnetic_field
+            assert message.header.frame_id == f'imu_{i}'
+            np.testing.assert_allclose([b.x, b.y, b.z], into_sensor.apply([0, 20e-6, -45e-6]), atol=4e-8)
+    assert {stamp_ns(m) for m in fields[3]} & {stamp_ns(m) for m in messages[3]}
+    told = graph.until(lambda: diagnosis.latest('serial_bridge: imu_3'), 'a diagnosis')
+    assert told[:2] == (OK, 'measures without fusion')
+
+
+def test_raw_angular_velocity_is_that_of_the_motion(graph, bridge_on, boards):
+    """Summed up, the turns that the gyroscope tells are those that the arm makes."""
+    board = boards(arm_of(validate(values(''))))
+    bridge_on(board.path, serial={'fusion': 'RAW'}, imus={'fusion': '6d'})
+    messages = graph.listen(Imu, 'imu_5/data', STREAM)
+    graph.until(lambda: len(messages) >= 800, '8 s of messages')  # it holds still for the first 3
+    stamps = np.array([stamp_ns(m) for m in messages])
+    w = np.array([[m.angular_velocity.x, m.angular_velocity.y, m.angular_velocity.z] for m in messages])
+    assert np.abs(w).max() > 0.3
+    t = np.array([board.motion_time(int(s) - (time.time_ns() - steady_ns())) for s in stamps])
+    truth = Rotation.from_quat(board.arm.orientations((5,), t[:, np.newaxis], np.zeros(1))[:, 0])
+    turned = truth[0]
+    for before, after, dt in zip(w, w[1:], np.diff(stamps) * 1e-9, strict=False):
+        turned = turned * Rotation.from_rotvec((before + after) / 2 * dt)
+    assert (truth[-1].inv() * turned).magnitude() < 0.05
 
 
 # Calibration
@@ -457,7 +503,7 @@ def test_the_port_is_held_by_another_program(graph, bridge_on, still_board):
 def test_the_board_speaks_another_version(graph, bridge_on, boards):
     board = boards(arm_of(validate(values('')), halted(STILL)), version=9)
     message = fails(graph, bridge_on(board.path))
-    assert 'the board speaks protocol version 9, this package version 1' in message
+    assert 'the board speaks protocol version 9, this package version 2' in message
 
 
 def test_nobody_answers(graph, bridge_on, still_board):
@@ -467,7 +513,7 @@ def test_nobody_answers(graph, bridge_on, still_board):
 
 @pytest.mark.parametrize('fault', ['absent', 'busy', 'version'])
 def test_as_a_program_a_start_that_is_impossible_ends_with_1_and_why(boards, tmp_path, fault):
-    board = boards(arm_of(validate(values('')), halted(STILL)), version=9 if fault == 'version' else 1)
+    board = boards(arm_of(validate(values('')), halted(STILL)), version=9 if fault == 'version' else 2)
     other = SerialPort(board.path, 500_000) if fault == 'busy' else None
     port = str(tmp_path / 'nothing') if fault == 'absent' else board.path
     config = tmp_path / 'arm.yaml'

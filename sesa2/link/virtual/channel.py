@@ -3,7 +3,7 @@
 from collections.abc import Callable
 
 from sesa2.link.packets import State
-from sesa2.link.requests import Command, Request, Result
+from sesa2.link.requests import Command, FusionMode, Request, Result
 from sesa2.link.virtual.chip import Chip
 
 NEVER = 1 << 62
@@ -95,8 +95,8 @@ class Channel:
             self._to_config(now_us)
 
     def refresh_calib(self, now_us: int) -> None:
-        """Read register 0x35."""
-        if self._chip and self._chip.answers(self._born_us + now_us):
+        """Read register 0x35, which means something where the chip fuses."""
+        if self._chip and self._mode != FusionMode.RAW and self._chip.answers(self._born_us + now_us):
             self.calib = self._chip.calib(self._born_us + now_us)
 
     def sample(self, now_us: int) -> bool:
@@ -105,6 +105,8 @@ class Channel:
             return False
         if self._chip.answers(self._born_us + now_us):
             self._failures = 0
+            if self._mode == FusionMode.RAW:
+                self.calib = 0
             return True
         self._count_errors(_TRIES)
         self._failures += 1

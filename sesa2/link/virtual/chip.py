@@ -64,7 +64,7 @@ class Chip:
 
     def set_mode(self, mode: int, now_us: int) -> None:
         """Write register 0x3D. What the fusion has learnt survives a visit to CONFIG mode."""
-        if self.mode != _CONFIG:
+        if self.mode not in (_CONFIG, FusionMode.RAW):
             if not self._given and min(self._scores(now_us)) == 3:
                 self._registers = self._learned
             self._fused_us += now_us - self._resumed_us
@@ -84,7 +84,7 @@ class Chip:
 
     def calib(self, now_us: int) -> int:
         """Register 0x35: scores that grow with the time in fusion."""
-        if self.mode == _CONFIG:
+        if self.mode in (_CONFIG, FusionMode.RAW):
             return 0
         scores = self._scores(now_us)
         gyro, accel, mag = scores if len(scores) == 3 else (*scores, 0)

@@ -7,6 +7,7 @@ pseudo-terminal by the clock.
 from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sesa2.link.framing import FrameDecoder, encode_frame
 from sesa2.link.link_errors import PacketError
@@ -16,6 +17,8 @@ from sesa2.link.packets import (
     SweepHeader,
     encode_acceleration,
     encode_data,
+    encode_magnetometer,
+    encode_raw,
 )
 from sesa2.link.requests import (
     FIRMWARE,
@@ -33,10 +36,13 @@ from sesa2.link.requests import (
 from sesa2.link.virtual.channel import NEVER, Channel
 from sesa2.link.virtual.chip import Chip
 from sesa2.link.virtual.motion import FloatArray
-from sesa2.link.virtual.virtual_arm import accelerations
+from sesa2.link.virtual.virtual_arm import accelerations, angular_velocities, magnetic_fields
 from sesa2.sensing.imu.addresses import CHANNELS, ids_of, imu_id_at, mask_of
 
-_READ_IMU_US = {0: 525, 1: 1_475}  # one IMU's share of a sweep at 400 and at 100 kHz
+_READ_IMU_US = {0: 450, 1: 1_440}  # one IMU's share of a sweep at 400 and at 100 kHz
+_READ_RAW_IMU_US = {0: 710, 1: 2_330}
+_GYROSCOPE_US = 1_000  # before and after a reading, between which the turn is what a gyroscope measures
+_ENTRY_BYTES = {Stream.QUATERNIONS: 10, Stream.ACCELERATION: 6, Stream.RAW: 13, Stream.MAGNETOMETER: 6}
 _AHEAD = 16
 POWER_ON, EXTERNAL_RESET = 0x01, 0x02
 
@@ -101,7 +107,7 @@ class Firmware:
         self._sweep_us = 0
         self._sweep_due_us = 0
         self._sent_us = NEVER
-        self._ahead: dict[int, FloatArray] = {}
+        self._ahead: dict[int, tuple[FloatArray, FloatArray]] = {}
         self._out: list[bytes] = []
         self.tx_dropped = 0
 
@@ -175,7 +181,7 @@ class Firmware:
 
     def _stream(self, request: Request) -> None:
         flags = request.arguments[0]
-        if flags > Stream.QUATERNIONS | Stream.ACCELERATION:
+        if flags > Stream.ALL:
             self._reply(request, Result.BAD_ARGUMENT)
             return
         self._reply(request, Result.OK)
@@ -203,15 +209,19 @@ class Firmware:
 
     def _scan_us(self) -> int:
         assert self._configuration is not None
-        return len(self._ids) * _READ_IMU_US[self._configuration.i2c_100khz]
+        times = _READ_RAW_IMU_US if self._raw else _READ_IMU_US
+        return len(self._ids) * times[self._configuration.i2c_100khz]
+
+    @property
+    def _raw(self) -> bool:
+        return self._configuration is not None and self._configuration.mode == FusionMode.RAW
 
     def _when_sent(self) -> int:
-        """When the first packet of this sweep has left; a second one follows at once. Sweeps go on without a stream."""
+        """When the first packet of this sweep has left; others follow at once. Sweeps go on without a stream."""
         if not self._ids:
             return NEVER
-        line_bytes = (
-            15 + len(self._ids) * (10 if self._flags & Stream.QUATERNIONS else 6) if self._flags else 0
-        )
+        first = next((size for flag, size in _ENTRY_BYTES.items() if self._flags & flag), None)
+        line_bytes = 0 if first is None else 15 + len(self._ids) * first
         return self._sweep_us + self._scan_us() + round(10 * line_bytes * self._bit_us)
 
     def _send_sweep(self) -> None:
@@ -222,21 +232,36 @@ class Firmware:
         measured = np.array([channel.sample(self._sweep_us) for channel in channels])[:, np.newaxis]
         if running := [channel for channel in channels if channel.state is State.RUN]:
             running[self._sweeps % len(running)].refresh_calib(self._sweep_us)
-        q = np.where(measured, self._measured(), 0.0) if self._flags else np.zeros((len(channels), 4))
-        if self._flags & Stream.QUATERNIONS:
-            health = bytes(channel.errors << 4 | channel.state for channel in channels)
-            calib = bytes(channel.calib for channel in channels)
-            self._out.append(encode_frame(encode_data(sweep, q, health, calib)))
-        if self._flags & Stream.ACCELERATION:
-            a = np.where(measured, accelerations(q), np.nan)
-            self._out.append(encode_frame(encode_acceleration(sweep, a)))
+        if self._flags:
+            self._send_packets(sweep, channels, measured)
         self._seq = (self._seq + 1) % (1 << 16)
         self._sweeps += 1
         self._max_scan_us = max(self._max_scan_us, scan_us)
         self._schedule(scan_us)
 
-    def _measured(self) -> FloatArray:
-        """q_WS of the configured IMUs in this sweep, shape (n, 4); anything for those that do not measure.
+    def _send_packets(self, sweep: SweepHeader, channels: list[Channel], measured: NDArray[np.bool_]) -> None:
+        q, w = self._measured()
+        health = bytes(channel.errors << 4 | channel.state for channel in channels)
+        acceleration = np.where(measured, accelerations(q), np.nan)
+        bodies = []
+        if self._flags & Stream.QUATERNIONS:
+            shown = np.where(measured & np.bool_(not self._raw), q, 0.0)
+            bodies.append(encode_data(sweep, shown, health, bytes(channel.calib for channel in channels)))
+        if self._flags & Stream.ACCELERATION:
+            bodies.append(encode_acceleration(sweep, acceleration))
+        raw = measured & np.bool_(self._raw)
+        if self._flags & Stream.RAW:
+            velocity = np.where(raw, w, np.nan)
+            read = raw | np.bool_(self._flags & Stream.ACCELERATION)
+            bodies.append(encode_raw(sweep, velocity, np.where(read, acceleration, np.nan), health))
+        if self._flags & Stream.MAGNETOMETER:
+            bodies.append(encode_magnetometer(sweep, np.where(raw, magnetic_fields(q), np.nan)))
+        self._out += map(encode_frame, bodies)
+
+    def _measured(self) -> tuple[FloatArray, FloatArray]:
+        """q_WS and, in the mode RAW, angular velocity, rad/s, of the configured IMUs in this sweep, a row each.
+
+        Anything for those that do not measure.
 
         numpy's price is by the call, and sweeps are regular: so many are computed at once, ahead of time.
         """
@@ -246,9 +271,15 @@ class Firmware:
             ids = [self._ids[k] for k in rows]
             starts = self._sweep_us + max(self._period_us(), scan_us) * np.arange(_AHEAD)
             read_us = starts[:, np.newaxis] + scan_us * (np.array(rows) + 0.5) / n
-            q = np.zeros((_AHEAD, n, 4))
-            q[:, rows] = self._measure(ids, read_us, np.array([self._chips[i].heading for i in ids]))
-            self._ahead = dict(zip(starts.tolist(), q, strict=True))
+            headings = np.array([self._chips[i].heading for i in ids])
+            q, w = np.tile([0.0, 0.0, 0.0, 1.0], (_AHEAD, n, 1)), np.zeros((_AHEAD, n, 3))
+            q[:, rows] = self._measure(ids, read_us, headings)
+            if self._raw:
+                before, after = (
+                    self._measure(ids, read_us + us, headings) for us in (-_GYROSCOPE_US, _GYROSCOPE_US)
+                )
+                w[:, rows] = angular_velocities(before, after, 2e-6 * _GYROSCOPE_US)
+            self._ahead = dict(zip(starts.tolist(), zip(q, w, strict=True), strict=True))
         return self._ahead.pop(self._sweep_us)
 
     def _period_us(self) -> int:

@@ -9,6 +9,7 @@ from sesa2.link.virtual.motion import FloatArray, Motion
 from sesa2.shape import rotations
 
 _GRAVITY = (0.0, 0.0, 9.80665)  # what an accelerometer at rest measures, in W
+_FIELD = (0.0, 20e-6, -45e-6)  # T, in the IMU's earth frame, whose y is north: that of middle latitudes
 
 
 class VirtualArm:
@@ -74,3 +75,14 @@ class VirtualArm:
 def accelerations(q_WS: ArrayLike) -> FloatArray:
     """What accelerometers at these orientations measure, gravity alone: m/s², in the sensors' frames, shape (n, 3)."""
     return rotations.rotate(rotations.conjugate(q_WS), _GRAVITY)
+
+
+def magnetic_fields(q_WS: ArrayLike) -> FloatArray:
+    """What magnetometers at these orientations measure, the earth's field: T, in the sensors' frames, shape (n, 3)."""
+    return rotations.rotate(rotations.conjugate(q_WS), _FIELD)
+
+
+def angular_velocities(before: ArrayLike, after: ArrayLike, duration: float) -> FloatArray:
+    """What gyroscopes measure that turn from one q_WS to another in a short time, s: rad/s, in their frames."""
+    turn = rotations.multiply(rotations.conjugate(before), after)
+    return rotations.to_rotation_vector(turn) / duration

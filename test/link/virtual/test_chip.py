@@ -36,6 +36,16 @@ def test_imu_mode_has_no_magnetometer_score(chip):
     assert scores(chip, FULL_US) == Scores(sys=3, gyro=3, accel=3, mag=0)
 
 
+def test_without_fusion_there_are_no_scores_and_nothing_is_learnt(chip):
+    before = chip.read_offsets()
+    chip.set_mode(FusionMode.RAW, 0)
+    assert scores(chip, FULL_US) == (0, 0, 0, 0)
+    chip.set_mode(0, FULL_US)
+    assert chip.read_offsets() == before
+    chip.set_mode(FusionMode.NDOF, FULL_US)
+    assert scores(chip, FULL_US) == (0, 0, 0, 0)
+
+
 def test_given_offsets_calibrate_four_times_as_fast(chip):
     chip.write_offsets(OFFSETS)
     chip.set_mode(FusionMode.NDOF, 0)

@@ -33,7 +33,7 @@ NDOF = FusionMode.NDOF
 class Bench:
     """A virtual firmware with time in hand."""
 
-    def __init__(self, ids=(1, 2, 3), version=1):
+    def __init__(self, ids=(1, 2, 3), version=2):
         self.arm = VirtualArm(ids, ArmMotion(np.arange(1, len(ids) + 1) * 0.08))
         self.chips = {imu_id: Chip(Random(imu_id), 12_000_000) for imu_id in ids}
         self.now_us = 0
@@ -58,7 +58,7 @@ class Bench:
                 return
             self.now_us = min(end_us, max(self.now_us + 1, self.firmware.next_us()))
 
-    def ask(self, command, arguments=b'', patience_us=200 * MS, version=1):
+    def ask(self, command, arguments=b'', patience_us=200 * MS, version=2):
         """Give a command; the reply and how long it took."""
         start_us = self.now_us
         self.replies.clear()
@@ -102,9 +102,9 @@ def test_sweeps_of_eight_imus_at_their_time():
     starts_us = np.array([sweep.t_us for sweep in sweeps])
     np.testing.assert_array_equal(np.diff(starts_us), 10 * MS)
     assert [sweep.seq for sweep in sweeps] == list(range(100))
-    assert {sweep.scan_us for sweep in sweeps} == {4200}
+    assert {sweep.scan_us for sweep in sweeps} == {3600}
     # 95 bytes of 10 bits at 500000 baud.
-    np.testing.assert_array_equal(sent_us - starts_us, 4200 + 1900)
+    np.testing.assert_array_equal(sent_us - starts_us, 3600 + 1900)
 
 
 def test_a_slow_bus_takes_more_time_than_there_is():
@@ -112,10 +112,10 @@ def test_a_slow_bus_takes_more_time_than_there_is():
     bench = Bench(ids)
     bench.stream(ids, i2c_100khz=1)
     bench.run(10**6)
-    assert 80 <= len(bench.packets) <= 85
+    assert 84 <= len(bench.packets) <= 88
     stats = Stats.unpack(bench.ask(Command.STATS)[0].fields)
     assert stats.late >= 80
-    assert stats.max_scan_us == 11_800
+    assert stats.max_scan_us == 11_520
 
 
 def test_quaternions_are_the_truth_at_each_imus_own_time():
@@ -251,7 +251,7 @@ def test_reset_imu():
         (Command.CONFIGURE, BoardConfiguration(7, 101, NDOF, 0).pack()),
         (Command.CONFIGURE, BoardConfiguration(7, 100, 5, 0).pack()),
         (Command.CONFIGURE, BoardConfiguration(7, 100, NDOF, 2).pack()),
-        (Command.STREAM, b'\x04'),
+        (Command.STREAM, b'\x10'),
         (Command.READ_OFFSETS, b'\x08'),
     ],
 )
@@ -260,15 +260,15 @@ def test_bad_arguments(command, arguments):
 
 
 def test_other_versions():
-    bench = Bench(version=2)
+    bench = Bench(version=3)
     reply, _ = bench.ask(Command.HELLO)
-    assert (reply.version, reply.result) == (2, Result.OK)
+    assert (reply.version, reply.result) == (3, Result.OK)
     assert bench.ask(Command.STATS)[0].result is Result.BAD_ARGUMENT
 
 
 def test_garbage_is_counted_and_does_no_harm():
     bench = Bench()
-    bench.firmware.receive(b'\x05\x01\x00' + encode_frame(b'\x0a\x01\x07\x00') + encode_frame(b'\x63\x01'), 0)
+    bench.firmware.receive(b'\x05\x01\x00' + encode_frame(b'\x0a\x02\x07\x00') + encode_frame(b'\x63\x01'), 0)
     bench.run(MS)
     assert not bench.replies
     assert Stats.unpack(bench.ask(Command.STATS)[0].fields).rx_bad == 3

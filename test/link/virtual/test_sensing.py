@@ -1,7 +1,7 @@
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from sesa2.link.virtual.virtual_arm import VirtualArm, accelerations
+from sesa2.link.virtual.virtual_arm import VirtualArm, accelerations, angular_velocities, magnetic_fields
 
 RNG = np.random.default_rng(0)
 
@@ -50,3 +50,14 @@ def test_random_signs():
 def test_gravity_in_the_sensors_frame():
     expected = Rotation.from_quat(LINKS).inv().apply([0, 0, 9.80665])
     np.testing.assert_allclose(accelerations(LINKS), expected, atol=1e-12)
+
+
+def test_north_and_down_in_the_sensors_frame():
+    expected = Rotation.from_quat(LINKS).inv().apply([0, 20e-6, -45e-6])
+    np.testing.assert_allclose(magnetic_fields(LINKS), expected, atol=1e-18)
+
+
+def test_angular_velocity_is_in_the_sensors_axes_whatever_the_signs_of_its_quaternions():
+    w = RNG.normal(size=(3, 3))
+    after = (Rotation.from_quat(LINKS) * Rotation.from_rotvec(0.002 * w)).as_quat()
+    np.testing.assert_allclose(angular_velocities(LINKS, -after, 0.002), w, rtol=0, atol=1e-9)

@@ -40,7 +40,7 @@ def test_a_sweep_arrives_after_it_was_measured_and_its_time_on_the_line(make_boa
     virtual = make_board()
     for data, arrival_ns in stream(virtual, 30):
         late = virtual.motion_time(arrival_ns) - virtual.motion_time_of(data.sweep.t_us)
-        assert late > 4 * 525e-6 + 55 * 20e-6 - 1e-6
+        assert late > 4 * 450e-6 + 55 * 20e-6 - 1e-6
 
 
 def test_link(make_board, tmp_path):

@@ -1,7 +1,8 @@
 """Calibration offsets of the BNO055, and the file that keeps them while the chips are without power.
 
 The chip has no memory of its own for them (thesis 4.2.4): they are read from its registers 0x55 to 0x6A once its scores
-are full, kept here, and written back at every start.
+are full, kept here, and written back at every start. Beside them the file may keep the calibration of the chip's
+accelerometer, which is applied where the host fuses.
 """
 
 import struct
@@ -15,6 +16,7 @@ import yaml
 
 from sesa2.errors import Sesa2Error, shortened, shown
 from sesa2.partial_files import write_whole
+from sesa2.sensing.imu.accelerometer_calibration import AccelerometerCalibration, AccelerometerError
 from sesa2.sensing.imu.bno055.foreign_offsets import (
     KEYS,
     ForeignOffsetsError,
@@ -28,6 +30,7 @@ Vector = tuple[int, int, int]
 
 _REGISTERS = struct.Struct('<11h')
 _VECTORS, _RADII = KEYS[:3], KEYS[3:]
+_ACCELEROMETER = 'accelerometer'
 
 
 class OffsetsError(Sesa2Error):
@@ -117,7 +120,11 @@ def load_offsets(path: Path | str, ids: Iterable[int]) -> SavedOffsets:
             raise _of_one_chip(path, document)
         return SavedOffsets({ids[0]: document}, ())
     entries = document['imus']
-    found = {imu_id: _parse(entries[imu_id], f'{path}: imus.{imu_id}') for imu_id in ids if imu_id in entries}
+    found = {
+        imu_id: _parse(entries[imu_id], f'{path}: imus.{imu_id}')
+        for imu_id in ids
+        if imu_id in entries and not _is_accelerometer_alone(entries[imu_id])
+    }
     return SavedOffsets(found, tuple(imu_id for imu_id in ids if imu_id not in found))
 
 
@@ -143,19 +150,57 @@ def save_offsets(path: Path | str, imu_id: int, offsets: Offsets, saved_at: date
         If the file there is no calibration file (it is not overwritten then), or the new one cannot be written
         (the old one is untouched then).
     """
-    document = _read(Path(path)) if offsets_are_there(path) else {'imus': {}}
-    if isinstance(document, Offsets):
-        raise _of_one_chip(Path(path), document)
-    path = Path(path).resolve()
     entry: dict[str, Any] = {key: list(getattr(offsets, key)) for key in _VECTORS}
     entry |= {key: getattr(offsets, key) for key in _RADII}
     entry['saved_at'] = (saved_at or datetime.now(timezone.utc)).isoformat(timespec='seconds')
-    document['imus'][imu_id] = entry
+    _put(Path(path), imu_id, entry, 'offsets')
+
+
+def load_accelerometers(path: Path | str, ids: Iterable[int]) -> dict[int, AccelerometerCalibration]:
+    """Read the accelerometers' calibrations of those of some IMUs that have one.
+
+    Raises
+    ------
+    OffsetsError
+        As `load_offsets`.
+    """
+    path = Path(path)
+    document = _read(path)
+    if isinstance(document, Offsets):  # of one chip, from another program
+        return {}
+    entries = document['imus']
+    kept = {i: entries[i] for i in ids if isinstance(entries.get(i), dict) and _ACCELEROMETER in entries[i]}
+    return {
+        i: _parse_accelerometer(entry[_ACCELEROMETER], f'{path}: imus.{i}.{_ACCELEROMETER}')
+        for i, entry in kept.items()
+    }
+
+
+def save_accelerometer(path: Path | str, imu_id: int, calibration: AccelerometerCalibration) -> None:
+    """Put the calibration of one IMU's accelerometer into the file, as `save_offsets` does with offsets.
+
+    Raises
+    ------
+    OffsetsError
+        As `save_offsets`.
+    """
+    bias, matrix = ([round(v, 9) for v in row] for row in (calibration.bias, sum(calibration.matrix, ())))
+    entry = {'bias': bias, 'matrix': [matrix[:3], matrix[3:6], matrix[6:]]}
+    _put(Path(path), imu_id, {_ACCELEROMETER: entry}, "accelerometer's calibration")
+
+
+def _put(path: Path, imu_id: int, entry: dict[str, Any], what: str) -> None:
+    document = _read(path) if offsets_are_there(path) else {'imus': {}}
+    if isinstance(document, Offsets):
+        raise _of_one_chip(path, document)
+    path = path.resolve()
+    before = document['imus'].get(imu_id)
+    document['imus'][imu_id] = {**before, **entry} if isinstance(before, dict) else entry
     text = yaml.safe_dump(document, sort_keys=False, default_flow_style=None, allow_unicode=True)
     try:
         write_whole(path, text, overwrite=True)
     except OSError as error:
-        raise OffsetsError(f'{path}: offsets of IMU {imu_id} not saved: {error.strerror}') from None
+        raise OffsetsError(f'{path}: {what} of IMU {imu_id} not saved: {error.strerror}') from None
 
 
 def read_chip_offsets(path: Path | str) -> Offsets:
@@ -228,6 +273,29 @@ def _parse(entry: object, place: str) -> Offsets:
     accel, mag, gyro = (_vector(entry[key], f'{place}.{key}') for key in _VECTORS)
     accel_radius, mag_radius = (_int16(entry[key], f'{place}.{key}') for key in _RADII)
     return Offsets(accel, mag, gyro, accel_radius, mag_radius)
+
+
+def _is_accelerometer_alone(entry: object) -> bool:
+    return isinstance(entry, dict) and set(entry) == {_ACCELEROMETER}
+
+
+def _parse_accelerometer(entry: object, place: str) -> AccelerometerCalibration:
+    if not isinstance(entry, dict) or not {'bias', 'matrix'} <= set(entry):
+        raise OffsetsError(
+            f'{place}: expected a mapping {{bias: [x, y, z], matrix: [[…], […], […]]}}, got {shown(entry)}'
+        )
+    bias, matrix = entry['bias'], entry['matrix']
+    rows = matrix if isinstance(matrix, list) and len(matrix) == 3 else [None]
+    for value, key in ((bias, 'bias'), *((row, f'matrix[{k}]') for k, row in enumerate(rows))):
+        number = isinstance(value, list) and len(value) == 3 and all(type(v) in (int, float) for v in value)
+        if not number:
+            raise OffsetsError(f'{place}.{key}: expected a list of 3 numbers, got {shown(value)}')
+    try:
+        return AccelerometerCalibration(
+            tuple(map(float, bias)), tuple(tuple(map(float, row)) for row in matrix)
+        )
+    except AccelerometerError as error:
+        raise OffsetsError(f'{place}: {error}') from None
 
 
 def _vector(value: object, place: str) -> Vector:

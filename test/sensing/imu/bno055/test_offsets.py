@@ -14,7 +14,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 from processes import Program
 
-from sesa2.sensing.imu.bno055.offsets import Offsets, OffsetsError, load_offsets, save_offsets
+from sesa2.sensing.imu.accelerometer_calibration import AccelerometerCalibration
+from sesa2.sensing.imu.bno055.offsets import (
+    Offsets,
+    OffsetsError,
+    load_accelerometers,
+    load_offsets,
+    save_accelerometer,
+    save_offsets,
+)
 
 OFFSETS = Offsets((1, -2, 3), (-256, 255, 0), (0, -1, 32767), 1000, -32768)
 SAVED_AT = datetime(2024, 5, 6, 7, 8, 9, tzinfo=timezone.utc)
@@ -274,3 +282,48 @@ def test_any_file_gives_offsets_or_the_error(content):
         else:
             message = ''
         assert len(message) < 1000
+
+
+# The accelerometer's own calibration, beside them
+
+CALIBRATION = AccelerometerCalibration(
+    (0.1, -0.2, 0.3), ((1.01, 0.002, -0.003), (0.004, 0.99, 0.005), (-0.006, 0.007, 1.02))
+)
+
+
+def test_an_accelerometers_calibration_is_kept_beside_the_offsets(tmp_path):
+    path = tmp_path / 'offsets.yaml'
+    save_offsets(path, 3, OFFSETS)
+    save_accelerometer(path, 3, CALIBRATION)
+    save_accelerometer(path, 4, CALIBRATION)
+    save_offsets(path, 3, OFFSETS)
+    assert load_accelerometers(path, (1, 3, 4)) == {3: CALIBRATION, 4: CALIBRATION}
+    assert load_offsets(path, (3, 4)) == ({3: OFFSETS}, (4,))
+    save_offsets(path, 4, OFFSETS)
+    assert load_accelerometers(path, (4,)) == {4: CALIBRATION}
+    assert load_offsets(path, (4,)).offsets == {4: OFFSETS}
+
+
+@pytest.mark.parametrize(
+    ('entry', 'message'),
+    [
+        ('7', r'imus\.3\.accelerometer: expected a mapping'),
+        ('{bias: [0.0, 0.0, 0.0]}', r'imus\.3\.accelerometer: expected a mapping'),
+        (
+            '{bias: [0.0, 0.0], matrix: [[1, 0, 0], [0, 1, 0], [0, 0, 1]]}',
+            r'accelerometer\.bias: expected a list of 3',
+        ),
+        (
+            '{bias: [0, 0, 0], matrix: [[1, 0, 0], [0, 1], [0, 0, 1]]}',
+            r'accelerometer\.matrix\[1\]: expected a list',
+        ),
+        ('{bias: [0, 0, 0], matrix: 1}', r'accelerometer\.matrix\[0\]: expected a list'),
+        ('{bias: [0, 0, 0], matrix: [[1, 0, 0], [0, 1, 0], [0, 0, -1]]}', 'accelerometer: matrix .* mirrors'),
+        ('{bias: [0, 0, .nan], matrix: [[1, 0, 0], [0, 1, 0], [0, 0, 1]]}', 'accelerometer: expected 3'),
+    ],
+)
+def test_an_accelerometers_calibration_that_is_none(tmp_path, entry, message):
+    path = tmp_path / 'offsets.yaml'
+    path.write_text(f'imus:\n  3:\n    accelerometer: {entry}\n')
+    with pytest.raises(OffsetsError, match=message):
+        load_accelerometers(path, (3,))
