@@ -54,12 +54,12 @@ def test_each_node_ends_cleanly(graph, board, tmp_path, number):
         def under_way():
             parts = {
                 name: diagnosis.latest(name)
-                for name in ('serial_bridge: link', 'player: bag', 'recorder: bag')
+                for name in ('serial_bridge: link', 'played/player: bag', 'recorder: bag')
             }
             return (
                 all(parts.values())
                 and int(parts['serial_bridge: link'][2]['sweeps']) > 10
-                and int(parts['player: bag'][2]['samples']) > 10
+                and int(parts['played/player: bag'][2]['samples']) > 10
                 and int(parts['recorder: bag'][2]['messages']) > 100
             )
 

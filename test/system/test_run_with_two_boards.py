@@ -4,7 +4,7 @@ import signal
 
 import pytest
 import yaml
-from processes import command
+from processes import command, failed_clearly
 
 from sesa2.configuration import files
 from sesa2.system.terminal import _line
@@ -56,7 +56,9 @@ def test_ids_of_any_size_where_no_board_is_asked(tmp_path):
     }
     (tmp_path / 'arm.yaml').write_text(yaml.safe_dump({'/**': {'ros__parameters': values}}))
     with command(tmp_path, 'run', '--config', 'arm.yaml', '--duration', '1') as program:
-        assert program.ended() == 0, program.errors
+        assert failed_clearly(
+            program, 'no IMU is heard; expected /imu_300/data, /imu_41/data, /imu_1000/data'
+        )
 
 
 def test_no_board_is_left_where_one_cannot_be_made(tmp_path):
