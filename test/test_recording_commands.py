@@ -76,8 +76,10 @@ def test_align_finds_the_mountings_in_a_straight_pose(tmp_path, config, capsys):
 
 def test_align_warns_of_mountings_far_from_those_configured(tmp_path, config, capsys):
     t = np.arange(200) / 50.0
-    hanging = multiply(np.tile([1.0, 0.0, 0.0, 0.0], (len(t), 4, 1)), from_rotation_vector([0.01, 0.0, 0.0]))
-    bag, out = recording(tmp_path / 'pose', t, hanging), tmp_path / 'aligned.yaml'
+    lying = multiply(
+        np.tile([0.5**0.5, 0.0, 0.0, 0.5**0.5], (len(t), 4, 1)), from_rotation_vector([0.01, 0.0, 0.0])
+    )
+    bag, out = recording(tmp_path / 'pose', t, lying), tmp_path / 'aligned.yaml'
     assert main(['align', str(bag), '--config', str(config), '--out', str(out)]) == 0
     told = capsys.readouterr().err
     assert 'tilted far from those configured (IMU' in told
