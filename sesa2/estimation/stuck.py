@@ -52,6 +52,10 @@ def stuck_in_words(seconds: float) -> str:
     return f'stuck: the same quaternion for {seconds:.1f} s while others turned'
 
 
+# Of a long recording, parts of ten minutes, so that memory does not grow with it; a span over their border is two.
+_KEPT = 600 * _WATCHED
+
+
 class StuckWatch:
     """Looks for stuck IMUs over a recording that comes block by block; ten sweeps a second are enough.
 
@@ -63,19 +67,27 @@ class StuckWatch:
 
     def __init__(self, n_imu: int):
         self.seconds = np.zeros(n_imu)
-        self._kept: list[tuple[float, FloatArray, np.ndarray]] = []
+        self._forget()
+
+    def _forget(self) -> None:
+        self._kept: list[tuple[FloatArray, FloatArray, np.ndarray]] = []
+        self._n, self._slot = 0, -np.inf
 
     def add(self, stamps: FloatArray, orientations: FloatArray, measured: np.ndarray) -> None:
         """Take sweeps; parameters as of `stuck_spans`."""
-        last = self._kept[-1][0] if self._kept else -np.inf
         slots = np.floor(stamps * _WATCHED)
-        new = np.flatnonzero(np.diff(slots, prepend=np.floor(last * _WATCHED)) > 0.0)
-        self._kept += [(float(stamps[k]), orientations[k], measured[k]) for k in new]
+        new = np.flatnonzero(np.diff(slots, prepend=self._slot) > 0.0)
+        if len(new):
+            self._kept.append((stamps[new], orientations[new], measured[new]))
+            self._n += len(new)
+            self._slot = slots[new[-1]]
+        if self._n >= _KEPT:
+            self.end()
 
     def end(self) -> None:
         """Close a part: what follows may be of another time."""
         if self._kept:
-            stamps, orientations, measured = (np.array(column) for column in zip(*self._kept, strict=True))
+            stamps, orientations, measured = (np.concatenate(of) for of in zip(*self._kept, strict=True))
             for i, spans in enumerate(stuck_spans(stamps, orientations, measured)):
                 self.seconds[i] += sum(end - begin for begin, end in spans)
-        self._kept = []
+        self._forget()
