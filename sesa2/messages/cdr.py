@@ -98,6 +98,7 @@ class Template:
         self._row = np.frombuffer(row + bytes(-len(row) % 8), dtype=np.uint8)
         start = self._LEAD + len(LITTLE_ENDIAN)
         self._seconds = (np.array(stamps, dtype=np.intp) + start) // 4
+        self._nanoseconds = self._seconds + 1
         self._doubles = (np.array(doubles, dtype=np.intp) + start) // 8
         self.n_doubles = len(doubles)
 
@@ -115,10 +116,11 @@ class Template:
         -------
         (n, size), uint8: a message a row; `row.tobytes()` is what ROS publishes and a bag holds.
         """
-        rows = np.tile(self._row, (len(stamps_ns), 1))
+        rows = np.empty((len(stamps_ns), len(self._row)), dtype=np.uint8)
+        rows[:] = self._row
         rows.view('<f8')[:, self._doubles] = values
         words = rows.view('<i4')
         seconds, nanoseconds = np.divmod(stamps_ns, NS)
         words[:, self._seconds] = seconds[:, None]
-        words[:, self._seconds + 1] = nanoseconds[:, None]
+        words[:, self._nanoseconds] = nanoseconds[:, None]
         return rows[:, self._LEAD : self._LEAD + self._size]

@@ -247,5 +247,5 @@ class ImuMessages:
     def _values(self, orientations: np.ndarray) -> np.ndarray:
         values = np.zeros((len(orientations), N_NUMBERS))
         values[:, :4] = orientations
-        values[:, [_NO_ANGULAR_VELOCITY, _NO_ACCELERATION]] = -1.0
+        values[:, _NO_ANGULAR_VELOCITY] = values[:, _NO_ACCELERATION] = -1.0
         return values
