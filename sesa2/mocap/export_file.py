@@ -56,7 +56,8 @@ class ExportFile:
         """A line of the header, from 0, as cells without quotes and blanks around them."""
         if line >= len(self.head):
             return []
-        return [cell.strip() for cell in next(csv.reader([self.head[line]], delimiter=delimiter), [])]
+        text = self.head[line].replace('\0', '')  # at which csv stumbles until Python 3.11
+        return [cell.strip() for cell in next(csv.reader([text], delimiter=delimiter), [])]
 
     def after(self, lines: int) -> int:
         """Where what comes after so many lines begins."""
