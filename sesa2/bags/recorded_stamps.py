@@ -4,7 +4,7 @@ from collections import Counter
 
 import numpy as np
 
-from sesa2.messages.stamps import with_stamp
+from sesa2.messages.header_bytes import with_stamp
 
 
 class RecordedStamps:

@@ -6,8 +6,8 @@ import numpy as np
 
 from sesa2.errors import Sesa2Error
 from sesa2.messages.cdr import CdrLayout
+from sesa2.messages.header_bytes import read_header
 from sesa2.shape.rotations import FloatArray
-from sesa2.time import NS
 
 FIELD_TYPE = 'sensor_msgs/msg/MagneticField'
 
@@ -26,10 +26,8 @@ def read_field(data: bytes) -> tuple[int, FloatArray]:
         it is too short to be one.
     """
     try:
-        order = '<' if data[1] & 1 else '>'
-        seconds, nanoseconds, length = struct.unpack_from(f'{order}iII', data, 4)
-        at = 4 + (12 + length + 7) // 8 * 8
-        return seconds * NS + nanoseconds, np.array(struct.unpack_from(f'{order}3d', data, at))
+        order, stamp_ns, at = read_header(data)
+        return stamp_ns, np.array(struct.unpack_from(f'{order}3d', data, at))
     except (IndexError, struct.error):
         raise Sesa2Error(f'a {FIELD_TYPE} message of {len(data)} bytes, expected at least 112') from None
 

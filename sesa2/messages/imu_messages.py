@@ -8,6 +8,7 @@ import numpy as np
 
 from sesa2.errors import Sesa2Error
 from sesa2.messages.cdr import CdrLayout
+from sesa2.messages.header_bytes import read_header
 from sesa2.shape.rotations import FloatArray
 from sesa2.time import NS
 
@@ -112,10 +113,8 @@ def read_imu_values(data: bytes) -> tuple[int, tuple[float, ...]]:
         it is too short to be one.
     """
     try:
-        order = '<' if data[1] & 1 else '>'
-        seconds, nanoseconds, length = struct.unpack_from(f'{order}iII', data, 4)
-        at = 4 + (12 + length + 7) // 8 * 8
-        return seconds * NS + nanoseconds, struct.unpack_from(f'{order}{N_NUMBERS}d', data, at)
+        order, stamp_ns, at = read_header(data)
+        return stamp_ns, struct.unpack_from(f'{order}{N_NUMBERS}d', data, at)
     except (IndexError, struct.error):
         raise _too_short(data) from None
 
@@ -173,11 +172,9 @@ def without_acceleration(data: bytes) -> bytes:
         it is too short to be one.
     """
     try:
-        order = '<' if data[1] & 1 else '>'
-        (length,) = struct.unpack_from(f'{order}I', data, 12)
-        at = 4 + (12 + length + 7) // 8 * 8 + 8 * 25
+        order, _, at = read_header(data)
         changed = bytearray(data)
-        struct.pack_into(f'{order}4d', changed, at, 0.0, 0.0, 0.0, -1.0)
+        struct.pack_into(f'{order}4d', changed, at + 8 * ACCELERATION.start, 0.0, 0.0, 0.0, -1.0)
     except (IndexError, struct.error):
         raise _too_short(data) from None
     return bytes(changed)

@@ -25,10 +25,10 @@ from sesa2.estimation.arrivals import lag_in_words
 from sesa2.estimation.estimator import Estimate, Estimator
 from sesa2.estimation.stuck import stuck_in_words, stuck_spans
 from sesa2.estimation.sweeps import Sweep
+from sesa2.messages.header_bytes import read_stamp, with_stamp
 from sesa2.messages.orientation_intake import OrientationIntake, unaligned_headings
 from sesa2.messages.results import TYPES, ResultMessages
 from sesa2.messages.robot import describe_robot
-from sesa2.messages.stamps import read_stamp, with_stamp
 from sesa2.messages.topic_names import CONFIGURATION, imu_field, imu_name, imu_topics, of_model
 from sesa2.ros.confined_node import ConfinedNode
 from sesa2.ros.diagnostics import ERROR, OK, WARN, Diagnostics, Part
