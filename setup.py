@@ -41,6 +41,7 @@ setup(
         'mat': ['scipy>=1.11'],
         'test': [
             'pytest>=8',
+            'pytest-rerunfailures>=14',
             'hypothesis>=6.100',
             'scipy>=1.11',
             'c3d>=0.5',

@@ -3,11 +3,13 @@
 import time
 from collections.abc import Callable
 from contextlib import ExitStack, contextmanager
+from typing import NamedTuple
 
 import pytest
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.msg import Log
+from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
 from sesa2.configuration import validate
@@ -21,11 +23,20 @@ PATIENCE_S = 60.0
 LOGS = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
+class Line(NamedTuple):
+    """A line of a node's log, named as in rcl_interfaces/Log."""
+
+    level: int
+    name: str
+    msg: str
+
+
 class Graph:
     """Nodes under test and the test's own node `probe`, run as the programs run theirs."""
 
     def __init__(self):
         self._spinner = Spinner()
+        self._taps = ExitStack()
         self.nodes = []
         self.probe = self.add(rclpy.create_node('probe'))
 
@@ -81,7 +92,22 @@ class Graph:
         return Diagnosis(messages)
 
     def listen_to_logs(self):
-        """What all nodes log from now on, those too that are yet to come."""
+        """What nodes of this process log from now on, those too that are yet to come.
+
+        Taken where rclpy hands a line to its own logging: not every line arrives on /rosout on a loaded machine.
+        """
+        lines, log = [], rclpy_implementation.rclpy_logging_rcutils_log
+
+        def tap(severity, name, message, *where):
+            lines.append(Line(int(severity), name, message))
+            log(severity, name, message, *where)
+
+        patch = self._taps.enter_context(pytest.MonkeyPatch.context())
+        patch.setattr(rclpy_implementation, 'rclpy_logging_rcutils_log', tap)
+        return lines
+
+    def listen_to_rosout(self):
+        """What nodes of other processes log."""
         messages = []
         self.probe.create_subscription(Log, '/rosout', messages.append, LOGS)
         return messages
@@ -96,6 +122,7 @@ class Graph:
     def close(self):
         while self.nodes:
             self.remove(self.nodes[-1])
+        self._taps.close()
         self._spinner.__exit__()
 
 

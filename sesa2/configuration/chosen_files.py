@@ -1,6 +1,7 @@
 """Which files may be chosen from afar: by whoever sees a page, or is on the ROS graph."""
 
 from collections.abc import Iterable
+from contextlib import suppress
 from pathlib import Path
 
 from sesa2.configuration.records import Configuration
@@ -50,7 +51,10 @@ class ChosenFiles:
     def _holds(self, name: str | Path) -> bool:
         """Whether it is there once links and `..` are followed; relative names are of the working folder."""
         try:
-            return Path(name).resolve().is_relative_to(self.folder)
+            path = Path(name).resolve()
+            with suppress(FileNotFoundError, NotADirectoryError):
+                path.stat()  # raises for a link to itself, which resolve() lets pass since Python 3.13
+            return path.is_relative_to(self.folder)
         except (OSError, RuntimeError, ValueError):  # a link to itself, a name with a zero byte
             return False
 

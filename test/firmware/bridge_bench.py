@@ -11,9 +11,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 from diagnostic_msgs.msg import DiagnosticArray
-from graph_fixtures import PATIENCE_S, Graph
-from rcl_interfaces.msg import Log
-from rclpy.qos import DurabilityPolicy, QoSProfile
+from graph_fixtures import PATIENCE_S, Graph, Line
+from rclpy.qos import QoSProfile
 from rclpy.time import Time
 from sensor_msgs.msg import Imu
 from simulated_board import SimulatedBoard
@@ -44,7 +43,6 @@ _SLICE_S = 0.01
 # Holds what comes while nobody listens, since time stands still for the test and not for the machine.
 _EVERYTHING = QoSProfile(depth=10_000)
 # Logs are latched: what was said before the two knew each other is heard too.
-_LOGS = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 _EPOCH_NS = 1_700_000_000 * 10**9
 
 
@@ -225,7 +223,7 @@ class BridgeBench:
         self.graph = graph
         self.bridge: SerialBridge
         self.reports: list[Report] = []
-        self.logs: list[str] = []
+        self.logs: list[Line] = []
         self.imus: dict[int, list[Imu]] = {}
         self.port = folder / 'port'
         self.offsets = folder / 'offsets.yaml'
@@ -262,7 +260,7 @@ class BridgeBench:
             'calibration': {'file': str(self.offsets)},
         }
         self.graph.probe.create_subscription(DiagnosticArray, '/diagnostics', self._take_report, 10)
-        self.graph.probe.create_subscription(Log, '/rosout', lambda log: self.logs.append(log.msg), _LOGS)
+        self.logs = self.graph.listen_to_logs()
         self.bridge = self.graph.add(SerialBridge(parameter_overrides=overrides(validate(values))))
         self.imus = {i: self.graph.listen(Imu, f'imu_{i}/data', _EVERYTHING) for i in IDS}
         if streaming:

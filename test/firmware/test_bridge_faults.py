@@ -178,7 +178,7 @@ def test_an_imu_that_is_not_there_at_the_start(bridge_bench):
     bridge_bench.start(streaming=False)
     bridge_bench.until(lambda: state_of_all(bridge_bench) == [State.ABSENT] + [State.RUN] * 7, 'all others')
     bridge_bench.run(0.5)
-    assert [line for line in bridge_bench.logs if 'absent' in line] == [
+    assert [line.msg for line in bridge_bench.logs if 'absent' in line.msg] == [
         'IMU 1 is absent; the board keeps its offsets until it comes back'
     ]
     assert bridge_bench.report()['imu_1'][0] == ERROR

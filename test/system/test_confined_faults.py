@@ -189,7 +189,7 @@ IMPOSSIBLE = [
 def test_the_page_survives_configurations_that_mean_nothing(graph, tmp_path):
     pytest.importorskip('viser', reason='viser is not installed: pip install sesa2[viewer]')
     publisher = graph.probe.create_publisher(String, 'configuration', LATCHED)
-    logs = graph.listen_to_logs()
+    logs = graph.listen_to_rosout()
     with command(tmp_path, *RUN, '--viewer', 0) as program:
         graph.until(lambda: shapes(program) and 'the arm is shown' in program.output, 'the page')
         for text in IMPOSSIBLE:
