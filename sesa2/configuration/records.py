@@ -2,10 +2,12 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, is_dataclass, replace
+from functools import cache
 from typing import Any, get_type_hints
 
 import numpy as np
 
+from sesa2.sensing.lengths import BackboneLengths
 from sesa2.shape.arm import Arm, GeometryError
 from sesa2.shape.layout import Layout
 from sesa2.shape.model import Model
@@ -47,6 +49,48 @@ class ArmSection:
     frame_prefix: str = parameter(
         '', 'in front of the names of all frames, so that several arms share one tree of them'
     )
+
+
+@dataclass(frozen=True)
+class Segments:
+    """The pieces of the arm that bend and stretch each for itself; without them each section between IMUs is one."""
+
+    lengths: Floats = parameter(
+        (), 'length of each segment at rest, base to tip, m; together arm.length', above=0.0
+    )
+    radii: Floats = parameter(
+        (), 'radius of each segment, m, one for all or one each; left out: arm.radius', above=0.0
+    )
+    bend_max: float = parameter(
+        1.6, 'largest bend of a segment, rad; limits fits and commands', above=0.0, high=6.2832
+    )
+    stretch: Floats = parameter(
+        (0.5, 1.5),
+        'smallest and largest length over that at rest; limits fits and commands, outside is warned of',
+        above=0.0,
+    )
+
+
+@dataclass(frozen=True)
+class Lengths:
+    """The backbones whose length is measured; every list but the names has one entry per name, or one for all."""
+
+    names: tuple[str, ...] = parameter((), 'name of each backbone on backbone_lengths')
+    segments: tuple[int, ...] = parameter((1,), 'segment that the backbone ends with, 1 the first', low=1)
+    starts: tuple[int, ...] = parameter(
+        (1,), 'segment that the backbone begins with; 1: it runs from the clamp', low=1
+    )
+    angles: Floats = parameter(
+        (0.0,), 'where the backbone runs, about the axis of the arm from x towards y, rad'
+    )
+    radii: Floats = parameter(
+        (0.0,),
+        "distance of the backbone from the axis, m; 0: on it, the segments' length itself, preferred over others",
+        low=0.0,
+    )
+    scales: Floats = parameter((1.0,), 'length of the backbone = scale × what is said + offset')
+    offsets: Floats = parameter((0.0,), 'length of the backbone where 0 is said, m')
+    timeout: float = parameter(0.2, 'age after which a length is none, s', above=0.0)
 
 
 @dataclass(frozen=True)
@@ -159,6 +203,8 @@ class Configuration:
 
     run: Run = field(default_factory=Run)
     arm: ArmSection = field(default_factory=ArmSection)
+    segments: Segments = field(default_factory=Segments)
+    lengths: Lengths = field(default_factory=Lengths)
     imus: Imus = field(default_factory=Imus)
     markers: Markers = field(default_factory=Markers)
     models: tuple[str, ...] = parameter(('rigid', 'pcc'), 'shape models to run', choices=MODELS)
@@ -179,7 +225,35 @@ class Configuration:
     @property
     def layout(self) -> Layout:
         """The arm and its sensors as the shape models want them."""
-        return Layout(Arm(self.arm.length), self.imus.positions)
+        return Layout(
+            Arm(self.arm.length), self.imus.positions, self.segments.lengths, stretches=self.has_lengths
+        )
+
+    @property
+    def has_lengths(self) -> bool:
+        """Whether the present lengths of the segments are measured."""
+        return bool(self.lengths.names)
+
+    @property
+    def backbones(self) -> BackboneLengths:
+        """What the lengths of the backbones say of the segments.
+
+        Raises
+        ------
+        GeometryError
+            no length is measured.
+        """
+        a = self.lengths
+        return BackboneLengths(
+            len(self.segments.lengths),
+            len(a.names),
+            a.segments,
+            a.starts,
+            a.angles,
+            a.radii,
+            a.scales,
+            a.offsets,
+        )
 
     @property
     def base(self) -> FloatArray:
@@ -233,7 +307,7 @@ class Configuration:
             its options do not fit.
         """
         options, layout = self.options[name], layout or self.layout
-        shared = {item.name: getattr(self, item.name) for item in fields(options) if item.name in _SHARED}
+        shared = {name: getattr(self, name) for name in _shared() if hasattr(options, name)}
         return MODELS[name](layout, replace(options, **shared).filled(layout.n_imu))
 
     def flat(self) -> dict[str, Any]:
@@ -247,7 +321,11 @@ class Configuration:
         return getattr(self.options[section] if section in self.options else getattr(self, section), name)
 
 
-_SHARED = frozenset(item.name for item in fields(Configuration))
+@cache
+def _shared() -> frozenset[str]:
+    """Names of the parameters that stand in no section; an option of a model that has such a name is that parameter."""
+    hints = get_type_hints(Configuration)
+    return frozenset(n for n, kind in hints.items() if not is_dataclass(kind) and n != 'options')
 
 
 def sections() -> dict[str, Any]:
@@ -255,7 +333,7 @@ def sections() -> dict[str, Any]:
     hints = get_type_hints(Configuration)
     kinds: dict[str, Any] = {name: kind for name, kind in hints.items() if is_dataclass(kind)}
     for name, model in MODELS.items():
-        if name in _SHARED:
+        if name in hints:
             raise GeometryError(f'a model cannot be named {name!r}: the configuration has a key of this name')
         kinds[name] = model.Options
     return kinds
@@ -263,12 +341,12 @@ def sections() -> dict[str, Any]:
 
 def leaves() -> Iterator[tuple[str, Any, Any]]:
     """Every parameter: its dotted name, its type and its field; each model's options behind the number of links."""
-    hints, records = get_type_hints(Configuration), sections()
+    hints, records, shared = get_type_hints(Configuration), sections(), _shared()
 
     def of_section(name: str) -> Iterator[tuple[str, Any, Any]]:
         inner = get_type_hints(records[name])
         for leaf in fields(records[name]):
-            if name not in MODELS or leaf.name not in _SHARED:
+            if name not in MODELS or leaf.name not in shared:
                 yield f'{name}.{leaf.name}', inner[leaf.name], leaf
 
     for item in fields(Configuration):

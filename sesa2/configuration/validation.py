@@ -8,6 +8,7 @@ from typing import Any, NamedTuple, get_args, get_origin
 
 from sesa2.configuration.records import Configuration, leaves, sections
 from sesa2.configuration.ros_names import is_frame_prefix, is_topic_name
+from sesa2.configuration.segment_checks import check_segments
 from sesa2.errors import Sesa2Error, shortened, shown
 from sesa2.sensing.imu.addresses import CHANNELS, ids_by_board, imu_id_at
 from sesa2.shape.arm import GeometryError
@@ -248,6 +249,7 @@ def _check(c: Configuration) -> list[Mistake]:
     for i, name in _repeated(c.models):
         expect(False, f'models[{i}]', f'got {shown(name)} a second time')
     _check_names(c, expect)
+    check_segments(c, expect)
     _check_boards(c, expect)
     _check_raw(c, expect)
     if c.run.source == 'bag':

@@ -47,12 +47,16 @@ class Sweep(NamedTuple):
         true where the IMU has measured.
     base : (4,) or None
         q_WS of the IMU on the base, where there is one.
+    lengths : (n_backbones,) or None
+        of the backbones at this instant, as they are said (before scale and offset), in the order of the configuration,
+        m; NaN: not known. None where the configuration has none.
     """
 
     stamp_ns: int
     orientations: FloatArray
     measured: np.ndarray
     base: FloatArray | None
+    lengths: FloatArray | None = None
 
 
 class SweepAssembler:

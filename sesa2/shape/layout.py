@@ -7,6 +7,9 @@ import numpy as np
 from sesa2.shape.arm import Arm, GeometryError
 from sesa2.shape.rotations import FloatArray
 
+# How far the segments together may be from the arm, m: what numbers of a file are rounded to.
+SEGMENTS_TOLERANCE = 1e-6
+
 
 @dataclass(frozen=True)
 class Layout:
@@ -18,10 +21,16 @@ class Layout:
         the arm.
     imu_positions
         arc lengths of the IMUs, m, strictly increasing in (0, arm.length].
+    segment_lengths
+        lengths of the segments at rest, base to tip, m; empty where nobody says where segments end.
+    stretches
+        whether the present lengths of the segments are measured.
     """
 
     arm: Arm
     imu_positions: tuple[float, ...] = ()
+    segment_lengths: tuple[float, ...] = ()
+    stretches: bool = False
 
     def __post_init__(self) -> None:
         before = 0.0
@@ -34,6 +43,16 @@ class Layout:
             raise GeometryError(
                 f'imu_positions[{self.n_imu - 1}] = {before} m is beyond the tip at {self.arm.length} m'
             )
+        for i, length in enumerate(self.segment_lengths):
+            if not length > 0.0:
+                raise GeometryError(f'segment_lengths[{i}] = {length} m, expected a positive number')
+        total = sum(self.segment_lengths)
+        if self.segment_lengths and abs(total - self.arm.length) > SEGMENTS_TOLERANCE:
+            raise GeometryError(
+                f'segment_lengths add up to {total} m, expected the length of the arm, {self.arm.length} m'
+            )
+        if self.stretches and not self.segment_lengths:
+            raise GeometryError('segment_lengths is empty, an arm that stretches needs at least one segment')
 
     @property
     def n_imu(self) -> int:
@@ -44,3 +63,10 @@ class Layout:
     def stations(self) -> FloatArray:
         """Arc lengths at which an orientation is known: the base, then the IMUs; (n_imu + 1,), m."""
         return np.array([0.0, *self.imu_positions])
+
+    @property
+    def segment_ends(self) -> FloatArray:
+        """Arc lengths at which the segments begin and end, base to tip, (n_segments + 1,), m; the last is the tip."""
+        ends = np.array([0.0, *np.cumsum(self.segment_lengths)])
+        ends[-1] = self.arm.length if self.segment_lengths else 0.0
+        return ends

@@ -21,10 +21,16 @@ class Measured(NamedTuple):
         q_WL at the IMUs, x y z w, unit norm, any signs.
     base : (4,)
         or batch + (4,), q_WB, x y z w: known or measured.
+    lengths : batch + (n_segments,)
+        present length of each segment on the axis of the arm, base to tip, m.
+    backbone_bends : batch + (n_segments, 2)
+        bend_x, bend_y of each segment by the lengths of its backbones, rad; NaN where they do not tell.
     """
 
     orientations: ArrayLike | None = None
     base: ArrayLike = IDENTITY
+    lengths: ArrayLike | None = None
+    backbone_bends: ArrayLike | None = None
 
     def check(self, model: str, needs: tuple[str, ...], layout: Layout) -> None:
         """Refuse what a model cannot work with.
@@ -50,6 +56,13 @@ class Measured(NamedTuple):
             raise GeometryError(
                 f'orientations of shape {np.shape(self.orientations)}, expected (..., {layout.n_imu}, 4)'
             )
+        if self.lengths is not None:
+            lengths, n = np.asarray(self.lengths, dtype=float), len(layout.segment_lengths)
+            if lengths.shape[-1:] != (n,):
+                raise GeometryError(f'lengths of shape {lengths.shape}, expected (..., {n}): one per segment')
+            wrong = ~(np.isfinite(lengths) & (lengths > 0.0))
+            if wrong.any():
+                raise GeometryError(f'lengths: got {lengths[wrong][0]} m, expected a positive number')
 
     @property
     def stations(self) -> FloatArray:

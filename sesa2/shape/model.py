@@ -92,7 +92,7 @@ class Model(ABC, Generic[Kept]):
     name
         of the model, in the configuration and on the ROS graph.
     needs
-        kinds of measurements that it cannot do without, fields of `Measured`.
+        kinds of measurements that it cannot do without, fields of `Measured`; of an arm that stretches, lengths too.
     Options
         its options, a frozen record.
     layout
@@ -104,7 +104,7 @@ class Model(ABC, Generic[Kept]):
     """
 
     name: ClassVar[str]
-    needs: ClassVar[tuple[str, ...]] = ('orientations',)
+    needs: tuple[str, ...] = ('orientations',)
     Options: ClassVar[type[ModelOptions]] = ModelOptions
 
     def __init_subclass__(cls, **arguments: Any) -> None:
@@ -124,6 +124,8 @@ class Model(ABC, Generic[Kept]):
     def __init__(self, layout: Layout, options: ModelOptions):
         del options
         self.layout = layout
+        if layout.stretches and 'lengths' not in self.needs:
+            self.needs = (*self.needs, 'lengths')
         if 'orientations' in self.needs and not layout.n_imu:
             raise GeometryError(f'imu_positions is empty, the model {self.name!r} needs at least one IMU')
 
