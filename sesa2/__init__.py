@@ -18,11 +18,12 @@ if TYPE_CHECKING:
     from sesa2.estimation.sweeps import Sweep
     from sesa2.evaluation.bag_evaluation import evaluate_bag as evaluate
     from sesa2.shape.arm import Arm, GeometryError
+    from sesa2.shape.backbone import Backbone
     from sesa2.shape.kinematics import create_kinematics
     from sesa2.shape.kinematics.coordinates import Kinematics
     from sesa2.shape.layout import Layout
     from sesa2.shape.measured import Measured
-    from sesa2.shape.model import Backbone, Model
+    from sesa2.shape.model import Model
     from sesa2.shape.models import create_model
     from sesa2.shape.options import ModelOptions, parameter
 
@@ -59,7 +60,7 @@ __all__ = [
 
 _HOMES = {
     'Arm': 'shape.arm',
-    'Backbone': 'shape.model',
+    'Backbone': 'shape.backbone',
     'Configuration': 'configuration',
     'ConfigurationError': 'configuration',
     'Estimate': 'estimation.estimator',

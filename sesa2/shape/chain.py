@@ -7,8 +7,9 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import ArrayLike
 
+from sesa2.shape.backbone import Backbone
 from sesa2.shape.measured import Measured
-from sesa2.shape.model import Backbone, Model
+from sesa2.shape.model import Model
 from sesa2.shape.rotations import FloatArray, tangent
 
 # So many links at a time: their quaternions take 128 kB. Arrays of this size stay in the processor's cache, and malloc
@@ -67,15 +68,19 @@ def in_blocks(function: Callable[[FloatArray], FloatArray], stations: FloatArray
 class ChainModel(Model[tuple[FloatArray, np.ndarray]]):
     """A model whose backbone is a chain: it only has to say how its links are oriented."""
 
+    def _set_link_ends(self, link_ends: ArrayLike) -> None:
+        self._chain_ends = np.asarray(link_ends, dtype=float)  # on the graph a link may be cut
+        super()._set_link_ends(link_ends)
+
     def _fit(self, measured: Measured) -> Chain:
         return Chain(self, in_blocks(self._orient_links, measured.stations, self.n_links))
 
     @abstractmethod
     def _orient_links(self, stations: FloatArray) -> FloatArray:
-        """Orientations of the links, batch + (n_links, 4), from those of base and IMUs, batch + (n_imu + 1, 4)."""
+        """Orientations of the links, batch + (links, 4), from those of base and IMUs, batch + (n_imu + 1, 4)."""
 
     def _precompute(self, s: FloatArray) -> tuple[FloatArray, np.ndarray]:
-        """Length of each link that lies before s, (n, n_links), and the link that s is on, (n,)."""
-        starts, lengths = self.link_ends[:-1], np.diff(self.link_ends)
-        link = np.searchsorted(self.link_ends[1:-1], s, side='left')
+        """Length of each link that lies before s, (n, links), and the link that s is on, (n,)."""
+        starts, lengths = self._chain_ends[:-1], np.diff(self._chain_ends)
+        link = np.searchsorted(self._chain_ends[1:-1], s, side='left')
         return np.clip(s[:, None] - starts, 0.0, lengths), link

@@ -9,10 +9,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sesa2.shape.arm import GeometryError
-from sesa2.shape.layout import Layout
+from sesa2.shape.backbone import Backbone
+from sesa2.shape.layout import SEGMENTS_TOLERANCE, Layout
 from sesa2.shape.measured import Measured
 from sesa2.shape.options import ModelOptions
 from sesa2.shape.rotations import FloatArray
+from sesa2.shape.stretched import Stretching
 
 _NAME = re.compile('[a-z][a-z0-9]*(_[a-z0-9]+)*')
 # What a model keeps ready for a set of arc lengths; each keeps what suits it.
@@ -20,59 +22,6 @@ Kept = TypeVar('Kept')
 
 # Every model by its name, in the order in which their files were loaded.
 MODELS: 'dict[str, type[Model[Any]]]' = {}
-
-
-class Backbone(ABC):
-    """The arm's centre line, fitted to one set of orientations or to a batch of them.
-
-    Positions are in world axes with their origin at the base, m; orientations are q_WL, x y z w. `batch` below is
-    whatever leading shape the orientations had.
-
-    Attributes
-    ----------
-    fallen_back
-        how many of the batch its model could not solve and gave the shape of another, which it names.
-    """
-
-    fallen_back: int = 0
-
-    @abstractmethod
-    def positions(self, s: ArrayLike) -> FloatArray:
-        """Points of the backbone.
-
-        Parameters
-        ----------
-        s : (n,)
-            arc lengths from the base, m.
-
-        Returns
-        -------
-        batch + (n, 3), m.
-
-        Raises
-        ------
-        GeometryError
-            an arc length is not on the arm.
-        """
-
-    @abstractmethod
-    def orientations(self, s: ArrayLike) -> FloatArray:
-        """Orientations of the cross-sections.
-
-        Parameters
-        ----------
-        s : (n,)
-            arc lengths from the base, m.
-
-        Returns
-        -------
-        batch + (n, 4), q_WL, x y z w.
-
-        Raises
-        ------
-        GeometryError
-            an arc length is not on the arm.
-        """
 
 
 class Model(ABC, Generic[Kept]):
@@ -97,6 +46,8 @@ class Model(ABC, Generic[Kept]):
         its options, a frozen record.
     layout
         the arm and its sensors.
+    stretching
+        how lengths of the segments stretch the arm.
     link_ends : (n_links + 1,)
         arc lengths at which the links that stand for the arm on the ROS graph begin and end, base to tip, m.
     link_middles : (n_links,)
@@ -126,6 +77,7 @@ class Model(ABC, Generic[Kept]):
         self.layout = layout
         if layout.stretches and 'lengths' not in self.needs:
             self.needs = (*self.needs, 'lengths')
+        self.stretching = Stretching(layout)
         if 'orientations' in self.needs and not layout.n_imu:
             raise GeometryError(f'imu_positions is empty, the model {self.name!r} needs at least one IMU')
 
@@ -137,8 +89,16 @@ class Model(ABC, Generic[Kept]):
         self._cached = lru_cache(maxsize=16)(precompute)
 
     def _set_link_ends(self, link_ends: ArrayLike) -> None:
-        """For the constructor of a model."""
-        self.link_ends = np.asarray(link_ends, dtype=float)
+        """For the constructor of a model. Links of an arm that stretches end where its segments do, too.
+
+        So each has one stretch, and what is on it keeps its share of it.
+        """
+        ends = np.asarray(link_ends, dtype=float)
+        if self.layout.stretches:
+            inner = self.layout.segment_ends[1:-1]
+            apart = np.abs(inner[:, None] - ends).min(axis=-1) > SEGMENTS_TOLERANCE
+            ends = np.sort(np.append(ends, inner[apart]))
+        self.link_ends = ends
         self.link_middles = 0.5 * (self.link_ends[:-1] + self.link_ends[1:])
 
     @property
@@ -164,10 +124,14 @@ class Model(ABC, Generic[Kept]):
             something that the model needs is absent, or has a shape that the layout does not have.
         """
         measured.check(self.name, self.needs, self.layout)
-        return self._fit(measured)
+        backbone = self._fit(measured)
+        if measured.lengths is None or backbone.lengths is not None:
+            return backbone
+        return self.stretching.stretch(backbone, measured.lengths)
 
     @abstractmethod
-    def _fit(self, measured: Measured) -> Backbone: ...
+    def _fit(self, measured: Measured) -> Backbone:
+        """The backbone of the arm at rest, which `fit` stretches; or, with its `lengths`, as long as they are."""
 
     def at(self, s: ArrayLike) -> Kept:
         """What the model keeps ready for these arc lengths, (n,), m; computed at the first call and kept."""

@@ -11,9 +11,10 @@ from sesa2.configuration.records import leaves
 from sesa2.estimation.estimator import Estimator
 from sesa2.estimation.sweeps import Sweep
 from sesa2.shape.arm import Arm, GeometryError
+from sesa2.shape.backbone import Backbone
 from sesa2.shape.layout import Layout
 from sesa2.shape.measured import Measured
-from sesa2.shape.model import MODELS, Backbone, Model
+from sesa2.shape.model import MODELS, Model
 from sesa2.shape.models import create_model
 from sesa2.shape.options import ModelOptions, parameter
 from sesa2.shape.rotations import IDENTITY, tangent

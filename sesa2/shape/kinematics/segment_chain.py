@@ -8,7 +8,8 @@ from typing import Generic
 import numpy as np
 from numpy.typing import ArrayLike
 
-from sesa2.shape.model import Backbone, Kept
+from sesa2.shape.backbone import Backbone
+from sesa2.shape.model import Kept
 from sesa2.shape.rotations import FloatArray, multiply, to_matrix
 
 

@@ -3,11 +3,11 @@
 import numpy as np
 from numpy.typing import ArrayLike
 
+from sesa2.shape.backbone import Backbone
 from sesa2.shape.chain import in_blocks
 from sesa2.shape.curve import CurveModel
 from sesa2.shape.layout import Layout
 from sesa2.shape.measured import Measured
-from sesa2.shape.model import Backbone
 from sesa2.shape.options import LinkOptions
 from sesa2.shape.quadrature import PanelQuadrature
 from sesa2.shape.rotations import (

@@ -8,9 +8,9 @@ from frame_oracle import chain, differences
 from scipy.spatial.transform import Rotation
 
 from sesa2.shape.arm import GeometryError
+from sesa2.shape.backbone import Backbone
 from sesa2.shape.kinematics import KINEMATICS, create_kinematics
 from sesa2.shape.kinematics.coordinates import Kinematics
-from sesa2.shape.model import Backbone
 from sesa2.shape.rotations import to_matrix
 
 assert_close = partial(np.testing.assert_allclose, rtol=0.0)  # atol alone says how close
