@@ -52,7 +52,7 @@ class ArmSection:
 
 
 @dataclass(frozen=True)
-class Segments:
+class SegmentSection:
     """The pieces of the arm that bend and stretch each for itself; without them each section between IMUs is one."""
 
     lengths: Floats = parameter(
@@ -72,7 +72,7 @@ class Segments:
 
 
 @dataclass(frozen=True)
-class Lengths:
+class LengthSection:
     """The backbones whose length is measured; every list but the names has one entry per name, or one for all."""
 
     names: tuple[str, ...] = parameter((), 'name of each backbone on backbone_lengths')
@@ -203,8 +203,8 @@ class Configuration:
 
     run: Run = field(default_factory=Run)
     arm: ArmSection = field(default_factory=ArmSection)
-    segments: Segments = field(default_factory=Segments)
-    lengths: Lengths = field(default_factory=Lengths)
+    segments: SegmentSection = field(default_factory=SegmentSection)
+    lengths: LengthSection = field(default_factory=LengthSection)
     imus: Imus = field(default_factory=Imus)
     markers: Markers = field(default_factory=Markers)
     models: tuple[str, ...] = parameter(('rigid', 'pcc'), 'shape models to run', choices=MODELS)

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 
-from sesa2.configuration.records import Configuration, Lengths
+from sesa2.configuration.records import Configuration, LengthSection
 from sesa2.errors import shown
 from sesa2.shape.layout import SEGMENTS_TOLERANCE
 
@@ -40,14 +40,16 @@ def check_segments(c: Configuration, expect: Expect) -> None:
     )
     names = c.lengths.names
     if not names:
-        expect(c.lengths == Lengths(), 'lengths.names', 'is missing, and other keys of lengths are given')
+        expect(
+            c.lengths == LengthSection(), 'lengths.names', 'is missing, and other keys of lengths are given'
+        )
         return
     expect(n > 0, 'segments.lengths', 'is missing, and lengths needs it')
     if _check_backbones(c.lengths, n, expect) and whole and n:
         _check_told(c, expect)
 
 
-def _check_backbones(a: Lengths, n_segments: int, expect: Expect) -> bool:
+def _check_backbones(a: LengthSection, n_segments: int, expect: Expect) -> bool:
     """Whether names, and what is said of each, are right."""
     n, right = len(a.names), True
     for i, name in enumerate(a.names):
