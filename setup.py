@@ -16,8 +16,8 @@ setup(
     version=VERSION,
     description='Proprioception for soft continuum arms from inertial sensors',
     license='Apache-2.0',
-    maintainer='sesa2 maintainers',
-    maintainer_email='maintainers@example.com',
+    maintainer='Name of who releases this package',
+    maintainer_email='put-the-address-of-who-releases-it-here@sesa2.invalid',
     packages=find_packages(include=['sesa2', 'sesa2.*']),
     package_data={'sesa2': ['py.typed']},
     python_requires='>=3.10',
@@ -28,8 +28,8 @@ setup(
         'pyserial>=3.5',
         'cobs>=1.2',
         'PyYAML>=6.0',
-        'rosbags>=0.11.7',
-        'mcap>=1.5',  # with lz4 and zstandard, which it compresses with
+        'rosbags>=0.11.7,<0.12',
+        'mcap>=1.5,<2',  # with lz4 and zstandard, which it compresses with
     ],
     extras_require={
         'ros': ROS,

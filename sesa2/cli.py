@@ -9,6 +9,9 @@ from collections.abc import Sequence
 from sesa2.errors import Sesa2Error
 from sesa2.faults import fault_line, log_tracebacks
 
+# Modules of Python that Windows does not have.
+_POSIX = ('fcntl', 'pty', 'resource', 'termios', 'tty')
+
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command.
@@ -33,9 +36,23 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         print('interrupted', file=sys.stderr)
         return 128 + signal.SIGINT
+    except ModuleNotFoundError as error:
+        print(f'error: {_what_is_missing(error)}', file=sys.stderr)
+        return 1
     except Exception as error:
         print(f'error: {fault_line(error)}; SESA2_DEBUG=1 shows where it came from', file=sys.stderr)
         return 1
+
+
+def _what_is_missing(error: ModuleNotFoundError) -> str:
+    name = (error.name or '').partition('.')[0]
+    if name in _POSIX:
+        return f'a serial port and a pseudo-terminal need Linux or macOS: this Python has no module {name}'
+    if name == 'rclpy' or name.endswith('_msgs'):
+        return f"no ROS 2 here (no module {name}): source that of the machine, or pip install 'sesa2[ros]'"
+    if name in ('trimesh', 'viser'):
+        return f"no module {name}, which the page needs: pip install 'sesa2[viewer]'"
+    return f'{fault_line(error)}; SESA2_DEBUG=1 shows where it came from'
 
 
 def _parser() -> argparse.ArgumentParser:

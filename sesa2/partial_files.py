@@ -2,10 +2,10 @@
 
 Until then they are called `.NAME.PID.partial`, and their maker holds a lock on them, which the kernel takes back
 whatever ends it. So what is left over can be told from what somebody still writes, in another container too.
+Windows has no such locks: what a kill leaves stays there.
 """
 
 import errno
-import fcntl
 import logging
 import os
 import re
@@ -14,6 +14,11 @@ import stat
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+
+try:
+    import fcntl
+except ModuleNotFoundError:
+    fcntl = None  # type: ignore[assignment]
 
 _LOG = logging.getLogger('sesa2')
 
@@ -31,7 +36,8 @@ def lock_partial(descriptor: int) -> None:
     OSError
         somebody else holds it.
     """
-    fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    if fcntl:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
 
 
 def sweep_partials(path: Path) -> list[Path]:
@@ -42,6 +48,8 @@ def sweep_partials(path: Path) -> list[Path]:
     What was removed. What a living process of this machine makes stays, and what is locked, and what cannot be
     removed.
     """
+    if not fcntl:
+        return []
     pattern = re.compile(rf'\.{re.escape(path.name)}\.(\d{{1,10}})\.partial')
     try:
         found = [(p, match) for p in path.parent.iterdir() if (match := pattern.fullmatch(p.name))]
@@ -78,20 +86,20 @@ def write_whole(path: str | Path, content: str | bytes, *, overwrite: bool = Fal
         try:
             lock_partial(file.fileno())
             if path.exists():
-                os.fchmod(file.fileno(), stat.S_IMODE(path.stat().st_mode))
+                partial.chmod(stat.S_IMODE(path.stat().st_mode))
             file.write(content.encode() if isinstance(content, str) else content)
             file.flush()
             os.fsync(file.fileno())
+            if not fcntl:
+                file.close()  # no open file is renamed there
             partial.replace(path)
         except BaseException:
             partial.unlink(missing_ok=True)
             raise
     # The rename itself is on the disk only when its directory is.
-    directory = os.open(path.parent, os.O_RDONLY | os.O_DIRECTORY)
-    try:
-        os.fsync(directory)
-    finally:
-        os.close(directory)
+    with _opened_folder(path.parent) as folder:
+        if folder is not None:
+            os.fsync(folder)
 
 
 @contextmanager
@@ -111,14 +119,27 @@ def whole_folder(path: Path) -> Iterator[Path]:
     sweep_partials(path)
     partial = partial_path(path)
     partial.mkdir()
-    lock = os.open(partial, os.O_RDONLY | os.O_DIRECTORY)
+    with _opened_folder(partial) as lock:
+        try:
+            if lock is not None:
+                lock_partial(lock)
+            yield partial
+            partial.rename(path)
+        finally:
+            shutil.rmtree(partial, ignore_errors=True)
+
+
+@contextmanager
+def _opened_folder(path: Path) -> Iterator[int | None]:
+    """Its descriptor; None where folders cannot be opened."""
+    if not fcntl:
+        yield None
+        return
+    descriptor = os.open(path, os.O_RDONLY | os.O_DIRECTORY)
     try:
-        lock_partial(lock)
-        yield partial
-        partial.rename(path)
+        yield descriptor
     finally:
-        shutil.rmtree(partial, ignore_errors=True)
-        os.close(lock)
+        os.close(descriptor)
 
 
 def _is_alive(pid: int) -> bool:

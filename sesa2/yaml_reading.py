@@ -16,6 +16,9 @@ import yaml
 from sesa2.errors import Sesa2Error, shortened, shown
 from sesa2.regular_files import why_no_regular_file
 
+# Without waiting, should the file have become a pipe meanwhile; neither flag is there on every system.
+_READ = os.O_RDONLY | getattr(os, 'O_NONBLOCK', 0) | getattr(os, 'O_BINARY', 0)
+
 # A configuration of eight IMUs with everything has 4 levels, 300 values and 5 KiB.
 MAX_BYTES = 1 << 18
 MAX_DEPTH = 20
@@ -102,8 +105,7 @@ def read_small_file(path: str | Path) -> bytes:
     if why := why_no_regular_file(path):
         raise YamlError(why)
     try:
-        # Without waiting, should it have become a pipe meanwhile.
-        with open(os.open(path, os.O_RDONLY | os.O_NONBLOCK), 'rb') as file:  # noqa: PTH123
+        with open(os.open(path, _READ), 'rb') as file:  # noqa: PTH123
             return file.read(MAX_BYTES + 1)
     except OSError as error:
         raise YamlError(f'cannot be read: {error.strerror}') from None

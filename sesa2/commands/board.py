@@ -6,7 +6,6 @@ from pathlib import Path
 
 from sesa2.commands.arguments import add_config, load_config
 from sesa2.ros.signals import stop_on_signals
-from sesa2.system.virtual_source import make_virtual_boards
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -22,6 +21,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Serve until Ctrl-C or SIGTERM."""
+    # Here, since the other commands run where there are no pseudo-terminals too.
+    from sesa2.system.virtual_source import make_virtual_boards
+
     with stop_on_signals() as stop, ExitStack() as stack:
         boards = make_virtual_boards(load_config(options), options.link)
         for board in boards:
