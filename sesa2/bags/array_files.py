@@ -9,6 +9,7 @@ import numpy as np
 
 from sesa2.bags.estimate_arrays import EstimateArrays, ModelArrays
 from sesa2.errors import Sesa2Error
+from sesa2.messages.results import link_names
 from sesa2.messages.topic_names import of_model
 from sesa2.partial_files import partial_path, sweep_partials
 from sesa2.shape.rotations import FloatArray
@@ -113,6 +114,10 @@ def _columns(estimate: EstimateArrays, name: str, m: ModelArrays) -> Iterator[tu
         np.concatenate([m.tip, m.tip_orientation], axis=-1),
     )
     yield _named([f'{shape}:{i:03d}' for i in range(m.backbone.shape[1])], _POSITION), m.backbone
+    yield [f'{joint_states}:{joint}_velocity [rad/s]' for joint in m.joint_names], m.joint_velocities
+    links = link_names(name, m.link_lengths.shape[1])
+    yield [f'{joint_states}:{link}_l [m]' for link in links], m.link_lengths
+    yield [f'{joint_states}:{link}_l_velocity [m/s]' for link in links], m.link_velocities
 
 
 def _named(bodies: Iterable[str], components: Iterable[str]) -> list[str]:
@@ -137,9 +142,11 @@ def _shared(estimate: EstimateArrays) -> dict[str, Any]:
 
 
 def _of_model(m: ModelArrays) -> dict[str, Any]:
+    stretching = {'link_lengths_m': m.link_lengths, 'link_velocities_m_per_s': m.link_velocities}
     return {
         'joint_names': np.array(m.joint_names, dtype=str),
         'joints_rad': m.joints,
+        'joint_velocities_rad_per_s': m.joint_velocities,
         'markers_m': m.markers,
         'marker_orientations_xyzw': m.marker_orientations,
         'tip_m': m.tip,
@@ -147,6 +154,7 @@ def _of_model(m: ModelArrays) -> dict[str, Any]:
         'backbone_m': m.backbone,
         'backbone_orientations_xyzw': m.backbone_orientations,
         'backbone_arc_lengths_m': m.backbone_positions,
+        **(stretching if m.link_lengths.shape[1] else {}),
     }
 
 

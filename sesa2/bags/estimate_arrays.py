@@ -12,6 +12,7 @@ from sesa2.configuration import Configuration, files
 from sesa2.errors import Sesa2Error
 from sesa2.messages.joint_states import JointStateLayout
 from sesa2.messages.poses import StampedPoses, read_path, read_pose, read_pose_array
+from sesa2.messages.results import model_joints
 from sesa2.messages.topic_names import CONFIGURATION, of_model
 from sesa2.shape.rotations import FloatArray
 from sesa2.time import NS
@@ -26,9 +27,11 @@ class ModelArrays(NamedTuple):
     Attributes
     ----------
     joint_names
-        the n_joints names, link by link from the base, x, z, y each.
-    joints : (n, n_joints)
-        rad.
+        the n_joints names, link by link from the base, x, z, y each, then those of a base that turns.
+    joints, joint_velocities : (n, n_joints)
+        rad, rad/s; NaN: not known, as of the first result.
+    link_lengths, link_velocities : (n, n_links)
+        of an arm that stretches, m, m/s; (n, 0) of one that does not.
     markers, marker_orientations : (n, n_markers, 3) and (…, 4)
         m; x y z w.
     tip, tip_orientation : (n, 3) and (n, 4)
@@ -41,6 +44,9 @@ class ModelArrays(NamedTuple):
 
     joint_names: tuple[str, ...]
     joints: FloatArray
+    joint_velocities: FloatArray
+    link_lengths: FloatArray
+    link_velocities: FloatArray
     markers: FloatArray
     marker_orientations: FloatArray
     tip: FloatArray
@@ -121,7 +127,9 @@ def read_estimate(path: str | Path, models: Sequence[str] | None = None) -> Esti
     found = {}
     for name in chosen:
         model, n_markers = c.create_model(name), len(c.markers.names)
-        widths = (3 * model.n_links, 7 * n_markers, 7, 7 * (model.n_links + 1))
+        joints = np.array(model_joints(c, name, model.n_links))
+        slides = np.char.endswith(joints, '_l')
+        widths = (2 * len(joints), 7 * n_markers, 7, 7 * (model.n_links + 1))
         rows = {}
         for kind, width in zip(_KINDS, widths, strict=True):
             rows[kind], lacking = _at(stamps, series[name, kind], width, f'{path}: {of_model(name, kind)}')
@@ -130,9 +138,11 @@ def read_estimate(path: str | Path, models: Sequence[str] | None = None) -> Esti
                     f'{of_model(name, kind)}: {lacking} of {len(stamps)} instants have no message; NaN there'
                 )
         markers, tip, ends = (rows[kind].reshape(len(stamps), -1, 7) for kind in _KINDS[1:])
+        states, speeds = np.split(rows['joint_states'], 2, axis=1)
+        turning = tuple(joints[~slides].tolist()) if len(names.get(name, ())) else ()
         found[name] = ModelArrays(
-            names.get(name, ()), rows['joint_states'], markers[..., :3], markers[..., 3:],
-            tip[:, 0, :3], tip[:, 0, 3:], ends[..., :3], ends[..., 3:], model.link_ends,
+            turning, states[:, ~slides], speeds[:, ~slides], states[:, slides], speeds[:, slides],
+            markers[..., :3], markers[..., 3:], tip[:, 0, :3], tip[:, 0, 3:], ends[..., :3], ends[..., 3:], model.link_ends,
         )  # fmt: skip
     return EstimateArrays(c, c.frame_id, stamps, found, tuple(problems))
 
@@ -162,7 +172,8 @@ def _read(
             if kind == 'joint_states':
                 if model not in layouts:
                     layouts[model] = JointStateLayout.of(message.data)
-                stamp, row = layouts[model].read(message.data)
+                stamp, positions = layouts[model].read(message.data)
+                row = np.concatenate([positions, layouts[model].velocities(message.data)])
             else:
                 poses: StampedPoses = _POSE[kind](message.data)
                 stamp, row = poses.stamp_ns, poses.poses.ravel()

@@ -24,6 +24,7 @@ from sesa2.messages.imu_messages import TYPE as IMU_TYPE
 from sesa2.messages.orientation_intake import OrientationIntake, unaligned_headings
 from sesa2.messages.results import ResultMessages
 from sesa2.messages.topic_names import CONFIGURATION, imu_topics
+from sesa2.sensing.lengths import NO_LENGTHS, outside_in_words
 from sesa2.time import NS
 
 # Samples that are kept back for results that are to come before them.
@@ -47,7 +48,11 @@ class Summary:
     dropped
         number of samples that no sweep could use, by reason.
     sweeps
-        number of sweeps; each gave a result of every model.
+        number of sweeps that gave a result, of every model.
+    without_lengths
+        number of sweeps without a result, since the length of a segment was not known.
+    outside_stretch
+        number of results in which a segment was shorter or longer than it should ever be, by its index.
     partial
         number of sweeps in which an enabled IMU was missing.
     resets
@@ -77,6 +82,8 @@ class Summary:
     unreadable: Counter[int] = field(default_factory=Counter)
     dropped: Counter[str] = field(default_factory=Counter)
     sweeps: int = 0
+    without_lengths: int = 0
+    outside_stretch: Counter[int] = field(default_factory=Counter)
     partial: int = 0
     resets: int = 0
     lags: dict[int, float] = field(default_factory=dict)
@@ -102,6 +109,13 @@ class Summary:
         lines += [f'IMU {id_}: {stuck_in_words(seconds)}' for id_, seconds in self.stuck.items()]
         if self.partial:
             lines.append(f'{self.partial} of {self.sweeps} sweeps lack an IMU, which was interpolated')
+        if self.without_lengths:
+            lines.append(f'{self.without_lengths} sweeps without a result: {NO_LENGTHS}')
+        lines += [
+            f'{outside_in_words(k)}: {n} of {self.sweeps} results'
+            for k, n in self.outside_stretch.items()
+            if n
+        ]
         if self.resets:
             lines.append(f'time jumped back {self.resets} times; the estimate began anew there')
         lines += [
@@ -181,7 +195,8 @@ def replay(
             ]
             if not summary.sweeps:
                 reasons = '; '.join(summary.warnings)
-                raise Sesa2Error(f'{source}: no sweep in {total} samples: {reasons}')
+                what = 'result' if summary.without_lengths else 'sweep'
+                raise Sesa2Error(f'{source}: no {what} in {total} samples: {reasons}')
         if progress:
             progress(total, total)
     return summary
@@ -330,22 +345,24 @@ class _Replay:
         estimate = self._estimator.estimate(self._sweeps)
         self._estimator.compare(self._sweeps, self._comparison)
         stamps = estimate.stamps_ns.tolist()
-        for topic, number in self._results.items():
-            rows = self._messages.make(topic, estimate)
-            size, together = rows.shape[1], rows.tobytes()
-            messages = [together[k : k + size] for k in range(0, len(together), size)]
-            self._pending.extend(stamps, [number] * len(stamps), messages)
+        for topic, number in self._results.items() if stamps else ():
+            self._pending.extend(stamps, [number] * len(stamps), self._messages.make(topic, estimate))
         self.summary.sweeps += len(stamps)
         measured = np.array([sweep.measured for sweep in self._sweeps])
         orientations = np.array([sweep.orientations for sweep in self._sweeps])
-        self._stuck.add(estimate.stamps_ns / NS, orientations, measured)
-        self.summary.partial += int((~measured[:, self._enabled].all(axis=1)).sum())
+        all_stamps = np.array([sweep.stamp_ns for sweep in self._sweeps])
+        self._stuck.add(all_stamps / NS, orientations, measured)
+        partial = ~measured[:, self._enabled].all(axis=1)
+        self.summary.partial += int(np.count_nonzero(partial & np.isin(all_stamps, estimate.stamps_ns)))
+        self.summary.without_lengths += estimate.without_lengths
+        self.summary.outside_stretch.update(dict(enumerate(estimate.outside_stretch.tolist())))
         self.summary.near_singular.update({m: r.near_singular for m, r in estimate.models.items()})
         self.summary.fallen_back.update({m: r.fallen_back for m, r in estimate.models.items()})
         self._sweeps = []
-        self._first_ns = stamps[0] if self._first_ns is None else self._first_ns
-        self._last_ns = stamps[-1]
-        self._write(self._pending.taken(stamps[-1]))
+        if stamps:
+            self._first_ns = stamps[0] if self._first_ns is None else self._first_ns
+            self._last_ns = stamps[-1]
+        self._write(self._pending.taken(int(all_stamps[-1])))
 
     def _write(self, entries: '_Entries') -> None:
         """Write in the order given; what comes too late for its place goes to the end.

@@ -9,8 +9,10 @@ from sesa2.alignment.earth_frame import BaseComparison
 from sesa2.alignment.heading_filter import HeadingFilter
 from sesa2.configuration import Configuration
 from sesa2.errors import Sesa2Error
+from sesa2.estimation.joint_velocities import JointVelocities
 from sesa2.estimation.sweeps import Sweep, SweepAssembler
 from sesa2.sensing.imu.mounting import Mounting
+from sesa2.sensing.lengths import outside_stretch
 from sesa2.shape.joints import WARN_COSINE, JointAngles, hold_x, joint_angles
 from sesa2.shape.measured import Measured
 from sesa2.shape.missing import fill_missing
@@ -24,8 +26,10 @@ class ModelResult(NamedTuple):
 
     Attributes
     ----------
-    joints : (n, n_links, 3)
-        joint angles x, z, y of each link, rad.
+    joints : (n, n_links, 3 or 4)
+        joint angles x, z, y of each link, rad; of an arm that stretches its present length, m, behind them.
+    joint_velocities : (n, n_links, 3 or 4)
+        rad/s, m/s, since the result before; nan where there is none.
     ends, end_orientations : (n, n_links + 1, 3) and (…, 4)
         ends of all links, base to tip, m, and the orientations there, x y z w.
     markers, marker_orientations : (n, n_markers, 3) and (…, 4)
@@ -37,6 +41,7 @@ class ModelResult(NamedTuple):
     """
 
     joints: FloatArray
+    joint_velocities: FloatArray
     ends: FloatArray
     end_orientations: FloatArray
     markers: FloatArray
@@ -55,12 +60,22 @@ class Estimate(NamedTuple):
     base : (n, 4)
         q_WB, x y z w.
     models
-        by name, in the order of the configuration.
+        by name, in the order of the configuration; empty where there is no result.
+    base_joints, base_velocities : (n, 3)
+        joint angles x, z, y of the base in the world, rad, and rad/s as of the other joints; of an IMU on the base.
+    without_lengths
+        number of sweeps without a result, since the length of a segment was not known.
+    outside_stretch : (n_segments,)
+        number of results with a segment shorter or longer than it should ever be.
     """
 
     stamps_ns: np.ndarray
     base: FloatArray
     models: dict[str, ModelResult]
+    base_joints: FloatArray | None = None
+    base_velocities: FloatArray | None = None
+    without_lengths: int = 0
+    outside_stretch: np.ndarray = np.zeros(0, dtype=int)
 
 
 class _Configured:
@@ -70,11 +85,11 @@ class _Configured:
         self.model = model
         n = model.n_links
         self.links = slice(first_link, first_link + n)
+        self.pieces = model.stretching.pieces(model.link_ends)
         self.positions_at = np.concatenate([model.link_ends, markers])
         self.orientations_at = np.concatenate([model.link_middles, model.link_ends[-1:], markers])
         # Where a link ends it is oriented as that link is; only the tip and the markers are asked for exactly.
         self.at_positions = np.array([0, *range(n - 1), *range(n, len(self.orientations_at))])
-        self.angles: FloatArray | None = None  # of the last sweep, to go on from at a singularity
 
 
 class Estimator:
@@ -91,6 +106,7 @@ class Estimator:
         self.layout = configuration.layout
         self._mounting = Mounting(configuration.mountings, configuration.headings)
         self._base = configuration.base
+        self._on_base = configuration.imus.base_id != 0
         self._base_mounting = Mounting(configuration.base_mounting[None], np.zeros(1))
         self._heading_filter = HeadingFilter(self.layout) if configuration.imus.heading_filter else None
         self._in_world = configuration.arm.output_frame == 'world'
@@ -100,9 +116,10 @@ class Estimator:
             model = configuration.create_model(name)
             self._models[name] = _Configured(model, configuration.markers.positions, n_links)
             n_links += model.n_links
-        self._base_is_world = not configuration.imus.base_id and bool(
-            np.array_equal(np.abs(self._base), IDENTITY)
-        )
+        self._backbones = configuration.backbones if configuration.has_lengths else None
+        self._velocities = JointVelocities()
+        self._angles: FloatArray | None = None  # of the last sweep, to go on from at a singularity
+        self._base_is_world = not self._on_base and bool(np.array_equal(np.abs(self._base), IDENTITY))
 
     @property
     def models(self) -> dict[str, Model[Any]]:
@@ -120,7 +137,7 @@ class Estimator:
         imus = self.configuration.imus
         return SweepAssembler(
             imus.enabled,
-            has_base=imus.base_id != 0,
+            has_base=self._on_base,
             timeout=self.configuration.sweep_timeout,
             interpolate=self.configuration.time_alignment == 'interpolate',
             latency=imus.latency,
@@ -142,7 +159,24 @@ class Estimator:
         if self._heading_filter:
             orientations = self._heading_filter.correct(stamps / NS, orientations, measured, base)
         orientations = fill_missing(orientations, measured, self.layout, base)
-        return Estimate(stamps, base, self._fit(orientations, base))
+        if self._backbones is None:
+            return self._fit(stamps, Measured(orientations, base))
+        lengths, bends = self._backbones.read(np.stack([self._lengths_of(sweep) for sweep in sweeps]))
+        known = (lengths > 0.0).all(axis=-1)
+        without = len(sweeps) - int(np.count_nonzero(known))
+        if without == len(sweeps):
+            return Estimate(stamps[:0], base[:0], {}, without_lengths=without)
+        if without:
+            stamps, base, orientations = stamps[known], base[known], orientations[known]
+            lengths, bends = lengths[known], bends[known]
+        segments = self.configuration.segments
+        outside = outside_stretch(lengths, segments.lengths, segments.stretch).sum(axis=0)
+        estimate = self._fit(stamps, Measured(orientations, base, lengths, bends))
+        return estimate._replace(without_lengths=without, outside_stretch=outside)
+
+    def _lengths_of(self, sweep: Sweep) -> FloatArray:
+        n = len(self.configuration.lengths.names)
+        return np.full(n, np.nan) if sweep.lengths is None else sweep.lengths
 
     def compare(self, sweeps: Sequence[Sweep], comparison: BaseComparison) -> BaseComparison:
         """Have it look at sweeps; the comparison."""
@@ -159,7 +193,7 @@ class Estimator:
             a sweep lacks that IMU.
         """
         measured = [sweep.base for sweep in sweeps if sweep.base is not None]
-        if not measured and not self.configuration.imus.base_id:
+        if not measured and not self._on_base:
             bases = np.empty((len(sweeps), 4))
             bases[:] = self._base
             return bases
@@ -168,61 +202,64 @@ class Estimator:
             raise Sesa2Error(f'{n} of {len(sweeps)} sweeps without the IMU on the base, expected it in each')
         return self._base_mounting.link_orientations(np.stack(measured)[:, None])[:, 0]
 
-    def _fit(self, orientations: FloatArray, base: FloatArray) -> dict[str, ModelResult]:
-        measured = Measured(orientations, base)
+    def _fit(self, stamps_ns: np.ndarray, measured: Measured) -> Estimate:
+        base = np.asarray(measured.base)
         models = self._models.values()
-        asked, links = [], []
+        fitted, links, lengths = [], [], []
         for configured in models:
             backbone = configured.model.fit(measured)
             positions = backbone.positions(configured.positions_at)
             there = backbone.orientations(configured.orientations_at)
-            asked.append((positions, there, backbone.fallen_back))
+            fitted.append((positions, there, backbone.fallen_back))
             links.append(there[:, : configured.model.n_links])
+            if backbone.lengths is not None:
+                lengths.append(backbone.lengths @ configured.pieces)
         # All models' joints in one call: for a single sweep the number of numpy's calls is what costs.
-        joints = joint_angles(np.concatenate(links, axis=1), base, [one.links.start for one in models])
-        may_jump = bool(joints.cosine.min() < WARN_COSINE)
-        return {
-            name: self._result(configured, *ours, base, joints, may_jump)
-            for (name, configured), ours in zip(self._models.items(), asked, strict=True)
-        }
+        of_links = joint_angles(np.concatenate(links, axis=1), base, [one.links.start for one in models])
+        near_singular = self._hold_singular(of_links)
+        joints = of_links.angles
+        if lengths:
+            joints = np.concatenate([joints, np.concatenate(lengths, axis=1)[..., None]], axis=-1)
+        if self._on_base:  # behind the links, as one of them
+            own = np.zeros((len(base), 1, joints.shape[-1]))
+            own[..., :3] = joint_angles(base[:, None], IDENTITY).angles
+            joints = np.concatenate([joints, own], axis=1)
+        velocities = self._velocities.of(stamps_ns, joints)
+        results = {}
+        for (name, configured), (positions, there, fallen_back) in zip(
+            self._models.items(), fitted, strict=True
+        ):
+            n, at = configured.model.n_links + 1, configured.links
+            there = there.take(configured.at_positions, axis=1)
+            if not self._in_world and not self._base_is_world:
+                to_base = conjugate(base)[:, None, :]
+                positions, there = rotate(to_base, positions), multiply(to_base, there)
+            results[name] = ModelResult(
+                joints=joints[:, at],
+                joint_velocities=velocities[:, at],
+                ends=positions[:, :n],
+                end_orientations=there[:, :n],
+                markers=positions[:, n:],
+                marker_orientations=there[:, n:],
+                near_singular=0
+                if near_singular is None
+                else int(np.count_nonzero(near_singular[:, at].any(axis=-1))),
+                fallen_back=fallen_back,
+            )
+        estimate = Estimate(stamps_ns, base, results)
+        if not self._on_base:
+            return estimate
+        return estimate._replace(base_joints=joints[:, -1, :3], base_velocities=velocities[:, -1, :3])
 
-    def _result(
-        self,
-        configured: _Configured,
-        positions: FloatArray,
-        orientations: FloatArray,
-        fallen_back: int,
-        base: FloatArray,
-        joints: JointAngles,
-        may_jump: bool,
-    ) -> ModelResult:
-        there = orientations.take(configured.at_positions, axis=1)
-        if not self._in_world and not self._base_is_world:
-            to_base = conjugate(base)[:, None, :]
-            positions, there = rotate(to_base, positions), multiply(to_base, there)
-        own = JointAngles(joints.angles[:, configured.links], joints.cosine[:, configured.links])
-        near_singular = 0
-        if may_jump:
-            own = self._without_jumps(configured, own)
-            near_singular = int(np.count_nonzero(own.cosine.min(axis=-1) < WARN_COSINE))
-        configured.angles = own.angles[-1]
-        n = configured.model.n_links + 1
-        return ModelResult(
-            joints=own.angles,
-            ends=positions[:, :n],
-            end_orientations=there[:, :n],
-            markers=positions[:, n:],
-            marker_orientations=there[:, n:],
-            near_singular=near_singular,
-            fallen_back=fallen_back,
-        )
-
-    @staticmethod
-    def _without_jumps(configured: _Configured, joints: JointAngles) -> JointAngles:
-        """Joint angles of the sweeps in turn, each going on from the one before where a joint is singular."""
-        angles = joints.angles
-        if joints.singular.any():
-            last = configured.angles if configured.angles is not None else np.zeros(angles.shape[1:])
-            for i in range(len(angles)):
-                angles[i] = last = hold_x(JointAngles(angles[i], joints.cosine[i]), last)
-        return joints
+    def _hold_singular(self, joints: JointAngles) -> np.ndarray | None:
+        """Have singular joints go on from the sweep before, in place; which are near it, (n, links), None: none."""
+        near = None
+        if joints.cosine.min() < WARN_COSINE:
+            near = joints.cosine < WARN_COSINE
+            if joints.singular.any():
+                last = np.zeros(joints.angles.shape[1:]) if self._angles is None else self._angles
+                for i in range(len(joints.angles)):
+                    last = hold_x(JointAngles(joints.angles[i], joints.cosine[i]), last)
+                    joints.angles[i] = last
+        self._angles = joints.angles[-1]
+        return near

@@ -324,7 +324,7 @@ class _Case:
         said = distort(true, sensor.mounting * drawn[..., :3], heading, disturbance, sensor.step)
         base = said[:, 0] if self._on_base else self._shapes.base
         filled = fill_missing(said[:, 1:], np.broadcast_to(self._alive, (len(said), n)), model.layout, base)
-        return model.fit(Measured(filled, base)).positions(self._markers)
+        return model.fit(Measured(filled, base, model.layout.rest_lengths)).positions(self._markers)
 
 
 def _layouts(configuration: Configuration) -> list[tuple[str, Model[Any], np.ndarray]]:

@@ -59,7 +59,7 @@ class JointStateLayout(NamedTuple):
 
         Returns
         -------
-        Its stamp, ns, and the positions, (n_joints,), rad.
+        Its stamp, ns, and the positions, (n_joints,), rad or m.
 
         Raises
         ------
@@ -71,6 +71,17 @@ class JointStateLayout(NamedTuple):
             raise Sesa2Error(f'a JointState of {len(data)} bytes that is not of the joints before it')
         seconds, nanoseconds = struct.unpack_from('<iI', data, _STAMP.start)
         return seconds * NS + nanoseconds, np.frombuffer(data, '<f8', len(self.names), first)
+
+    def velocities(self, data: bytes) -> FloatArray:
+        """Velocities in a message that `read` has read; (n_joints,), rad/s or m/s, nan where it says none."""
+        n = len(self.names)
+        at = _STAMP.stop + len(self.before) + 8 * n
+        try:
+            said, at = _read_count(data, at)
+            at += (len(LITTLE_ENDIAN) - at) % 8
+            return np.frombuffer(data, '<f8', n, at) if said == n else np.full(n, np.nan)
+        except (struct.error, ValueError):
+            raise Sesa2Error(f'a JointState of {len(data)} bytes is not whole') from None
 
 
 def _read_count(data: bytes, at: int) -> tuple[int, int]:

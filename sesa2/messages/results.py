@@ -1,5 +1,6 @@
 """What the estimator publishes for each model, as bytes: the same for the live node and for a replay."""
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -9,8 +10,7 @@ from sesa2.estimation.estimator import Estimate, Estimator
 from sesa2.messages.cdr import CdrLayout, Template
 from sesa2.messages.colours import model_colours
 from sesa2.messages.topic_names import of_model
-from sesa2.shape.joints import joint_angles
-from sesa2.shape.rotations import IDENTITY, FloatArray
+from sesa2.shape.rotations import FloatArray
 
 TYPES = {
     'joint_states': 'sensor_msgs/msg/JointState',
@@ -32,14 +32,20 @@ class ResultTopic(NamedTuple):
     type: str
 
 
-def joint_names(model: str, n_links: int) -> list[str]:
-    """Names of a model's joints: link by link from the base, x, z, y each."""
-    return [f'{link}_{axis}' for link in link_names(model, n_links) for axis in 'xzy']
+def joint_names(model: str, n_links: int, stretches: bool = False) -> list[str]:
+    """Names of a model's joints: link by link from the base, x, z, y each, and l of an arm that stretches."""
+    joints = 'xzyl' if stretches else 'xzy'
+    return [f'{link}_{joint}' for link in link_names(model, n_links) for joint in joints]
 
 
 def link_names(model: str, n_links: int) -> list[str]:
     """Names of a model's links, base to tip, counted from 1."""
     return [f'{model}_{i:03d}' for i in range(1, n_links + 1)]
+
+
+def model_joints(c: Configuration, model: str, n_links: int) -> list[str]:
+    """Names in `<model>/joint_states`: those of its links, then those of a base that turns."""
+    return joint_names(model, n_links, c.has_lengths) + (list(BASE_JOINTS) if c.imus.base_id else [])
 
 
 class ResultMessages:
@@ -55,19 +61,13 @@ class ResultMessages:
 
     def __init__(self, configuration: Configuration, estimator: Estimator):
         self._templates: dict[ResultTopic, Template] = {}
-        self._base_turns = configuration.imus.base_id != 0
+        self._moving: dict[ResultTopic, Template] = {}  # with velocities
         frame, markers = configuration.frame_id, len(configuration.markers.names)
         for name, model in estimator.models.items():
             n = model.n_links
-            joints = joint_names(name, n) + (list(BASE_JOINTS) if self._base_turns else [])
+            joints = model_joints(configuration, name, n)
             layouts = {
-                'joint_states': CdrLayout()
-                .header('')
-                .strings(joints)
-                .uint32(len(joints))
-                .doubles(len(joints))
-                .uint32(0)
-                .uint32(0),
+                'joint_states': _joint_state(joints, moving=False),
                 'markers': CdrLayout().header(frame).uint32(markers).doubles(7 * markers),
                 'tip': CdrLayout().header(frame).doubles(7),
                 'shape': _path(frame, n + 1),
@@ -75,25 +75,50 @@ class ResultMessages:
             }
             for kind, layout in layouts.items():
                 self._templates[ResultTopic(of_model(name, kind), TYPES[kind])] = layout.template()
+            topic = ResultTopic(of_model(name, 'joint_states'), TYPES['joint_states'])
+            self._moving[topic] = _joint_state(joints, moving=True).template()
 
     @property
     def topics(self) -> list[ResultTopic]:
         """Every topic, models in the order of the configuration."""
         return list(self._templates)
 
-    def make(self, topic: ResultTopic, estimate: Estimate) -> np.ndarray:
-        """Messages of one topic.
+    def make(self, topic: ResultTopic, estimate: Estimate) -> list[bytes]:
+        """Messages of one topic, one of each result.
 
-        Returns
-        -------
-        (n_sweeps, size), uint8: a message a row.
+        Joint states carry velocities where they are known; a list without entries says that they are not.
         """
         model, _, kind = topic.name.partition('/')
-        numbers = _NUMBERS[kind](estimate.models[model])
-        if kind == 'joint_states' and self._base_turns:
-            base = joint_angles(estimate.base[:, None], IDENTITY).angles
-            numbers = np.concatenate([numbers, base[:, 0]], axis=-1)
-        return self._templates[topic].make(estimate.stamps_ns, numbers)
+        result, stamps = estimate.models[model], estimate.stamps_ns
+        if kind != 'joint_states':
+            return _messages(self._templates[topic].make(stamps, _NUMBERS[kind](result)))
+        joints, velocities = _flat(result.joints), _flat(result.joint_velocities)
+        if estimate.base_joints is not None and estimate.base_velocities is not None:
+            joints = np.concatenate([joints, estimate.base_joints], axis=-1)
+            velocities = np.concatenate([velocities, estimate.base_velocities], axis=-1)
+        moving = np.concatenate([joints, velocities], axis=-1)
+        unknown = np.flatnonzero(np.isnan(velocities[:, 0]))
+        messages = _messages(self._moving[topic].make(stamps, moving))
+        still = _messages(self._templates[topic].make(stamps[unknown], joints[unknown]))
+        for i, message in zip(unknown.tolist(), still, strict=True):
+            messages[i] = message
+        return messages
+
+
+def _messages(rows: np.ndarray) -> list[bytes]:
+    size, together = rows.shape[1], rows.tobytes()
+    return [together[k : k + size] for k in range(0, len(together), size)]
+
+
+def _joint_state(joints: Sequence[str], *, moving: bool) -> CdrLayout:
+    """With velocities, or without; without efforts."""
+    n = len(joints)
+    layout = CdrLayout().header('').strings(joints).uint32(n).doubles(n)
+    if moving:
+        layout.uint32(n).doubles(n)
+    else:
+        layout.uint32(0)
+    return layout.uint32(0)
 
 
 def _path(frame: str, n: int) -> CdrLayout:
@@ -140,7 +165,6 @@ def _flat(*parts: FloatArray) -> FloatArray:
 
 
 _NUMBERS = {
-    'joint_states': lambda r: _flat(r.joints),
     'markers': lambda r: _flat(r.markers, r.marker_orientations),
     'tip': lambda r: _flat(r.ends[:, -1], r.end_orientations[:, -1]),
     'shape': lambda r: _flat(r.ends, r.end_orientations),

@@ -36,6 +36,7 @@ from sesa2.ros.parameters import declare_configuration, origin_of
 from sesa2.ros.qos import ANY_STREAM, LATCHED, STREAM
 from sesa2.ros.spinning import run_alone
 from sesa2.ros.unheard_imus import PATIENCE_S, why_unheard
+from sesa2.sensing.lengths import NO_LENGTHS, outside_in_words
 from sesa2.shape.rotations import FloatArray
 from sesa2.time import NS
 
@@ -71,7 +72,7 @@ class EstimatorNode(ConfinedNode):
     aligned
         the configuration since `~/align`; None before.
     n_sweeps
-        number of sweeps estimated.
+        number of sweeps, with a result or without.
     received
         number of messages of each IMU.
     unstamped
@@ -131,6 +132,8 @@ class EstimatorNode(ConfinedNode):
         self._unreadable = 0
         self._near_singular = Counter[str]()
         self._fallen_back = Counter[str]()
+        self._without_lengths = 0
+        self._outside_stretch = Counter[int]()
         self._last_report = (time.monotonic(), Counter[int](), 0)
         self._listened_ns = 0
         self._looked_ns = time.monotonic_ns()
@@ -213,15 +216,19 @@ class EstimatorNode(ConfinedNode):
         while sweep.stamp_ns - self._recent[0].stamp_ns > _POSE_NS:
             self._recent.popleft()
         estimate = self._estimator.estimate([sweep])
+        self.n_sweeps += 1
+        self._without_lengths += estimate.without_lengths
+        if not estimate.models:
+            return
         for topic, publisher in self._topics:
             if topic.name.endswith('/marker_array') and not publisher.get_subscription_count():
                 continue
-            publisher.publish(self._messages.make(topic, estimate)[0].tobytes())
+            publisher.publish(self._messages.make(topic, estimate)[0])
         self.latest = estimate
-        self.n_sweeps += 1
         for name, result in estimate.models.items():
             self._near_singular[name] += result.near_singular
             self._fallen_back[name] += result.fallen_back
+        self._outside_stretch.update(dict(enumerate(estimate.outside_stretch.tolist())))
 
     def _align(
         self, request: Trigger.Request, response: Trigger.Response, *, headings: bool
@@ -397,6 +404,14 @@ class EstimatorNode(ConfinedNode):
                 text = f'{n} sweeps could not be solved and are arcs: neighbouring IMUs differ by half a turn'
                 parts.append((name, WARN, text, {'fallen_back': n}))
         self._fallen_back.clear()
+        if n := self._without_lengths:
+            text = f'{n} sweeps without a result: {NO_LENGTHS}'
+            parts.append(('segments', ERROR, text, {'without_lengths': n}))
+        elif outside := {k: n for k, n in self._outside_stretch.items() if n}:
+            text = '; '.join(f'{outside_in_words(k)}: {n} results' for k, n in outside.items())
+            parts.append(('segments', WARN, text, {'outside_stretch': sum(outside.values())}))
+        self._without_lengths = 0
+        self._outside_stretch.clear()
         self._last_report = (now, Counter(self.received), self.n_sweeps)
         return parts
 

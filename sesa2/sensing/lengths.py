@@ -15,6 +15,9 @@ _AMPLIFICATION = 10.0
 # Of what is zero but for rounding, where the largest entries are 1.
 _ZERO = 1e-9
 
+# Why an arm that stretches gives no result.
+NO_LENGTHS = 'the length of a segment was not known (absent, too old or not positive)'
+
 
 class SegmentReadings(NamedTuple):
     """What backbones say of the segments.
@@ -180,6 +183,11 @@ def outside_stretch(lengths: ArrayLike, rest: ArrayLike, stretch: Sequence[float
     """
     ratio = np.asarray(lengths, dtype=float) / np.asarray(rest, dtype=float)
     return np.asarray((ratio < stretch[0]) | (ratio > stretch[1]))
+
+
+def outside_in_words(segment: int) -> str:
+    """That a segment, by its index, was `outside_stretch`, for people."""
+    return f'segment {segment + 1}: length outside segments.stretch, used as it is'
 
 
 def _each(name: str, values: Sequence[float], n: int) -> FloatArray:

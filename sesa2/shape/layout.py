@@ -70,3 +70,8 @@ class Layout:
         ends = np.array([0.0, *np.cumsum(self.segment_lengths)])
         ends[-1] = self.arm.length if self.segment_lengths else 0.0
         return ends
+
+    @property
+    def rest_lengths(self) -> FloatArray | None:
+        """Lengths of the segments at rest, as if measured, (n_segments,), m; None where none are measured."""
+        return np.array(self.segment_lengths) if self.stretches else None

@@ -2,6 +2,9 @@
 
 Each link hangs on its predecessor by revolute joints about x, z and y, in this order, with empty links between; its
 frame begins at that joint, z along the link. So hangs a base that moves on the world. The angles are those of `joints`.
+
+A link of an arm that stretches ends in a prismatic joint along it, whose position is the link's present length; what is
+on the link follows it in proportion.
 """
 
 import math
@@ -28,6 +31,7 @@ def robot_description(
     base: Sequence[float] | FloatArray | None = IDENTITY,
     markers: Iterable[tuple[str, float]] = (),
     frame_prefix: str = '',
+    stretch: Sequence[float] | None = None,
 ) -> str:
     """Describe an arm.
 
@@ -48,6 +52,9 @@ def robot_description(
         name and arc length, m, of each point to be shown.
     frame_prefix
         in front of the names of all links, which are those of the frames.
+    stretch : (2,)
+        smallest and largest length of a link over that at rest, of an arm that stretches: its links have a joint
+        `<link>_l` more, and end in the frame `<link>_end`.
 
     Returns
     -------
@@ -68,16 +75,31 @@ def robot_description(
     parent, offset = 'base_link', 0.0
     for link, length in zip(links, lengths, strict=True):
         element = _add_turning(robot, link, link, parent, offset)
-        if length:
-            _add_visual(element, 'arm', 0.5 * length, 'cylinder', radius=repr(radius), length=repr(length))
         parent, offset = link, length
+        if stretch is not None:
+            parent, offset = f'{link}_end', 0.0
+            _add_sliding(robot, element, link, length, stretch, radius)
+        elif length:
+            _add_visual(element, 'arm', 0.5 * length, 'cylinder', radius=repr(radius), length=repr(length))
     ET.SubElement(robot, 'link', name=f'{name}_tip')
     _join(robot, f'{name}_to_tip', 'fixed', parent, f'{name}_tip', z=offset)
     for marker, s in markers:
         i = min(int(np.searchsorted(ends[1:], s)), len(lengths) - 1)
         element = ET.SubElement(robot, 'link', name=f'{name}_{marker}')
         _add_visual(element, 'marker', 0.0, 'sphere', radius=repr(1.3 * radius))
-        _join(robot, f'{name}_to_{marker}', 'fixed', links[i], f'{name}_{marker}', z=s - ends[i])
+        joint, along = f'{name}_to_{marker}', s - ends[i]
+        if stretch is None:
+            _join(robot, joint, 'fixed', links[i], f'{name}_{marker}', z=along)
+        else:
+            _slide(
+                robot,
+                joint,
+                links[i],
+                f'{name}_{marker}',
+                along,
+                stretch,
+                (f'{links[i]}_l', along / lengths[i]),
+            )
     for tag, key in (('link', 'name'), ('parent', 'link'), ('child', 'link')):
         for named in robot.iter(tag):
             named.set(key, frame_prefix + named.get(key, ''))
@@ -93,6 +115,35 @@ def _add_turning(robot: ET.Element, joints: str, link: str, parent: str, offset:
         ET.SubElement(joint, 'limit', _LIMITS[axis])
         parent, offset = child, 0.0
     return element
+
+
+def _add_sliding(
+    robot: ET.Element, link: ET.Element, name: str, length: float, stretch: Sequence[float], radius: float
+) -> None:
+    """The end of a link, on the joint `<link>_l`. Two tubes, one at each end, slide into each other."""
+    end = ET.SubElement(robot, 'link', name=f'{name}_end')
+    _slide(robot, f'{name}_l', name, f'{name}_end', length, stretch)
+    tube = length * min(0.5 * stretch[1], stretch[0])
+    for element, middle in ((link, 0.5 * tube), (end, -0.5 * tube)):
+        _add_visual(element, 'arm', middle, 'cylinder', radius=repr(radius), length=repr(tube))
+
+
+def _slide(
+    robot: ET.Element,
+    name: str,
+    parent: str,
+    child: str,
+    length: float,
+    stretch: Sequence[float],
+    follows: tuple[str, float] | None = None,
+) -> None:
+    """A prismatic joint along z, of this length at rest; one that follows another has no state of its own."""
+    joint = _join(robot, name, 'prismatic', parent, child)
+    ET.SubElement(joint, 'axis', xyz=_AXES['z'])
+    lower, upper = (repr(float(length * share)) for share in stretch)
+    ET.SubElement(joint, 'limit', lower=lower, upper=upper, effort='0', velocity='100')
+    if follows is not None:
+        ET.SubElement(joint, 'mimic', joint=follows[0], multiplier=repr(float(follows[1])), offset='0')
 
 
 def _add_visual(link: ET.Element, material: str, z: float, shape: str, **size: str) -> None:

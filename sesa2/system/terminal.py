@@ -93,7 +93,7 @@ class Terminal:
         orientations = board.truth(board.motion_time(at_ns))[-len(c.imus.ids) :]
         tip = (
             create_model('pcc_exact', c.layout)
-            .fit(Measured(orientations, c.base))
+            .fit(Measured(orientations, c.base, c.layout.rest_lengths))
             .positions([c.arm.length])[0]
         )
         return tip if c.arm.output_frame == 'world' else rotate(conjugate(c.base), tip)

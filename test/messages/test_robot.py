@@ -64,7 +64,7 @@ def published(c, sweeps):
     messages = ResultMessages(c, estimator)
     [topic] = [topic for topic in messages.topics if topic.name == 'rigid/joint_states']
     for row in messages.make(topic, estimator.estimate(sweeps)):
-        message = STORE.deserialize_cdr(row.tobytes(), topic.type)
+        message = STORE.deserialize_cdr(row, topic.type)
         yield dict(zip(message.name, message.position, strict=True))
 
 

@@ -49,7 +49,7 @@ def test_every_frame_of_every_result_has_the_prefix(output, frame):
     estimate = estimator.estimate([Sweep(10**18, np.stack([identity] * 2), np.ones(2, bool), identity)])
     frames = set()
     for topic in messages.topics:
-        message = store.deserialize_cdr(messages.make(topic, estimate)[0].tobytes(), topic.type)
+        message = store.deserialize_cdr(messages.make(topic, estimate)[0], topic.type)
         parts = [message, *getattr(message, 'poses', []), *getattr(message, 'markers', [])]
         frames |= {p.header.frame_id for p in parts if hasattr(p, 'header')}
     assert frames == {frame, ''}  # joint states have none
