@@ -142,7 +142,8 @@ def read_estimate(path: str | Path, models: Sequence[str] | None = None) -> Esti
         turning = tuple(joints[~slides].tolist()) if len(names.get(name, ())) else ()
         found[name] = ModelArrays(
             turning, states[:, ~slides], speeds[:, ~slides], states[:, slides], speeds[:, slides],
-            markers[..., :3], markers[..., 3:], tip[:, 0, :3], tip[:, 0, 3:], ends[..., :3], ends[..., 3:], model.link_ends,
+            markers[..., :3], markers[..., 3:], tip[:, 0, :3], tip[:, 0, 3:],
+            ends[..., :3], ends[..., 3:], model.link_ends,
         )  # fmt: skip
     return EstimateArrays(c, c.frame_id, stamps, found, tuple(problems))
 

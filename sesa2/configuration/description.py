@@ -1,6 +1,7 @@
 """What a configuration means, for people."""
 
 from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
 
@@ -41,6 +42,7 @@ def describe(c: Configuration) -> str:
                 )
             ],
         ),
+        *_segments(c),
         '',
         'Models',
         *table(
@@ -55,6 +57,27 @@ def describe(c: Configuration) -> str:
         ),
     ]
     return '\n'.join(line.rstrip() for line in lines)
+
+
+def _segments(c: Configuration) -> list[str]:
+    """The segments, and what measures their lengths; nothing where the arm has none."""
+    ends = c.layout.segment_ends
+    if not c.segments.lengths:
+        return []
+    low, high = c.segments.stretch
+    rows: list[tuple[object, ...]] = []
+    for k, (begin, end) in enumerate(pairwise(ends.tolist())):
+        span = f'{low * (end - begin):.4f} to {high * (end - begin):.4f}'
+        row = (k + 1, f'{begin:.4f}', f'{end:.4f}', span)
+        rows.append((*row, _measured_by(c, k)) if c.has_lengths else row)
+    head = ('segment', 'from s [m]', 'to s [m]', 'length [m]', *(['measured by'] if c.has_lengths else []))
+    timing = f'; a length older than {c.lengths.timeout:g} s is unknown' if c.has_lengths else ''
+    return ['', f'Segments, base to tip{timing}', *table(head, rows)]
+
+
+def _measured_by(c: Configuration, segment: int) -> str:
+    names = zip(c.lengths.names, c.backbones.length_weights[segment], strict=True)
+    return ', '.join(name for name, weight in names if weight)
 
 
 def _places(c: Configuration) -> tuple[tuple[str, ...], list[tuple[object, ...]]]:
