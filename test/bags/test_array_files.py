@@ -44,6 +44,8 @@ def test_csv_as_pythons_reader_has_it(estimate, tmp_path):
     for name, m in estimate.models.items():
         for k, joint in enumerate(m.joint_names):
             np.testing.assert_array_equal(column(f'{name}/joint_states:{joint} [rad]'), m.joints[:, k])
+            speed = column(f'{name}/joint_states:{joint}_velocity [rad/s]')
+            np.testing.assert_array_equal(speed, m.joint_velocities[:, k])
         for a, axis in enumerate('xyz'):
             for k, marker in enumerate(('M1', 'M2')):
                 np.testing.assert_array_equal(
@@ -76,6 +78,7 @@ def test_npz_as_numpy_has_it(estimate, tmp_path):
 def fields_of(m):
     return {
         'joints_rad': m.joints,
+        'joint_velocities_rad_per_s': m.joint_velocities,
         'markers_m': m.markers,
         'marker_orientations_xyzw': m.marker_orientations,
         'tip_m': m.tip,

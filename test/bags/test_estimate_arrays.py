@@ -7,13 +7,18 @@ import pytest
 from rosbags.rosbag2 import Reader
 
 import sesa2
+from sesa2.bags.array_files import write_arrays
 from sesa2.bags.definitions import STRING, string_message, typestore
 from sesa2.bags.estimate_arrays import read_estimate
 from sesa2.bags.recording import open_recording
 from sesa2.bags.replay import replay
 from sesa2.bags.writing import new_bag
-from sesa2.configuration import files
+from sesa2.configuration import files, validate
 from sesa2.errors import Sesa2Error
+from sesa2.estimation.estimator import Estimator
+from sesa2.estimation.sweeps import Sweep
+from sesa2.messages.results import ResultMessages
+from sesa2.shape.rotations import normalize
 
 
 @pytest.fixture
@@ -66,6 +71,9 @@ def test_arrays_are_the_messages(estimate, configuration):
             if kind == 'joint_states':
                 assert list(m.joint_names) == message.name
                 np.testing.assert_array_equal(m.joints[i], message.position)
+                known = message.velocity if len(message.velocity) else np.full(len(message.name), np.nan)
+                np.testing.assert_array_equal(m.joint_velocities[i], known)
+                assert np.isfinite(known).all() == (i > 0)
             elif kind == 'tip':
                 np.testing.assert_array_equal(m.tip[i], pose(message.pose)[0])
                 np.testing.assert_array_equal(m.tip_orientation[i], pose(message.pose)[1])
@@ -84,6 +92,55 @@ def test_arrays_are_the_messages(estimate, configuration):
     np.testing.assert_allclose(pcc.backbone_positions[[0, -1]], [0.0, 0.3])
     np.testing.assert_array_equal(pcc.backbone[:, -1], pcc.tip)
     np.testing.assert_allclose(np.diff(got.times_s), 0.01, atol=1e-6)
+
+
+@pytest.mark.parametrize('base_id', [0, 4], ids=['fixed base', 'measured base'])
+def test_lengths_of_links_stand_apart_from_angles(tmp_path, base_id):
+    c = validate(
+        {
+            'arm': {'length': 0.3},
+            'imus': {'ids': [1, 2], 'positions': [0.1, 0.3], 'base_id': base_id},
+            'segments': {'lengths': [0.1, 0.2]},
+            'lengths': {'names': ['a', 'b'], 'segments': [1, 2], 'starts': [1, 2]},
+            'models': ['rigid', 'spline'],
+            'links': 4,
+        }
+    )
+    rng, estimator = np.random.default_rng(1), Estimator(c)
+    lengths = rng.uniform(0.1, 0.2, (5, 2))
+    q = normalize(rng.normal(size=(5, 3, 4)))
+    sweeps = [
+        Sweep(10**18 + k * 10**7, q[k, :2], np.ones(2, bool), q[k, 2] if base_id else None, lengths[k])
+        for k in range(5)
+    ]
+    estimate, messages = estimator.estimate(sweeps), ResultMessages(c, estimator)
+    with new_bag(tmp_path / 'grown') as bag:
+        bag.write(bag.add_topic('configuration', STRING), 10**18, string_message(files.dump(c)))
+        for topic in messages.topics:
+            number = bag.add_topic(*topic)
+            for stamp, data in zip(estimate.stamps_ns.tolist(), messages.make(topic, estimate), strict=True):
+                bag.write(number, stamp, data)
+    got = read_estimate(tmp_path / 'grown')
+    assert got.problems == ()
+    for name, m in got.models.items():
+        result, n = estimate.models[name], estimator.models[name].n_links
+        own = m.joints[:, : 3 * n].reshape(5, n, 3), m.joint_velocities[:, : 3 * n].reshape(5, n, 3)
+        np.testing.assert_array_equal(own[0], result.joints[..., :3])
+        np.testing.assert_array_equal(own[1], result.joint_velocities[..., :3])
+        np.testing.assert_array_equal(m.link_lengths, result.joints[..., 3])
+        np.testing.assert_array_equal(m.link_velocities, result.joint_velocities[..., 3])
+        np.testing.assert_allclose(m.link_lengths.sum(axis=1), lengths.sum(axis=1))
+        assert len(m.joint_names) == m.joints.shape[1] == 3 * n + (3 if base_id else 0)
+        assert not any(joint.endswith('_l') for joint in m.joint_names)
+    write_arrays(got, tmp_path / 'grown.npz')
+    write_arrays(got, tmp_path / 'grown.csv')
+    with np.load(tmp_path / 'grown.npz') as arrays:
+        np.testing.assert_array_equal(arrays['rigid/link_lengths_m'], got.models['rigid'].link_lengths)
+    head = (tmp_path / 'grown.csv').read_text().splitlines()[0].split(',')
+    assert {'rigid/joint_states:rigid_002_l [m]', 'rigid/joint_states:rigid_002_l_velocity [m/s]'} <= set(
+        head
+    )
+    assert ('spline/joint_states:base_z_velocity [rad/s]' in head) == bool(base_id)
 
 
 def test_only_some_models(estimate):
