@@ -116,6 +116,7 @@ class Estimator:
             model = configuration.create_model(name)
             self._models[name] = _Configured(model, configuration.markers.positions, n_links)
             n_links += model.n_links
+        self._on_clamp = [one.links.start for one in self._models.values()]
         self._backbones = configuration.backbones if configuration.has_lengths else None
         self._velocities = JointVelocities()
         self._angles: FloatArray | None = None  # of the last sweep, to go on from at a singularity
@@ -204,9 +205,8 @@ class Estimator:
 
     def _fit(self, stamps_ns: np.ndarray, measured: Measured) -> Estimate:
         base = np.asarray(measured.base)
-        models = self._models.values()
         fitted, links, lengths = [], [], []
-        for configured in models:
+        for configured in self._models.values():
             backbone = configured.model.fit(measured)
             positions = backbone.positions(configured.positions_at)
             there = backbone.orientations(configured.orientations_at)
@@ -215,7 +215,7 @@ class Estimator:
             if backbone.lengths is not None:
                 lengths.append(backbone.lengths @ configured.pieces)
         # All models' joints in one call: for a single sweep the number of numpy's calls is what costs.
-        of_links = joint_angles(np.concatenate(links, axis=1), base, [one.links.start for one in models])
+        of_links = joint_angles(np.concatenate(links, axis=1), base, self._on_clamp)
         near_singular = self._hold_singular(of_links)
         joints = of_links.angles
         if lengths:

@@ -7,6 +7,7 @@ from sesa2.time import NS
 
 # After so long without a result nothing is said of what was in between.
 GAP_NS = NS
+_TURN = 0.5 / np.pi
 
 
 class JointVelocities:
@@ -34,14 +35,22 @@ class JointVelocities:
         -------
         The same shape, rad/s and m/s.
         """
-        last_ns, last = self._last or (stamps_ns[0], joints[0])
-        self._last = (stamps_ns[-1], joints[-1].copy())
-        moved = np.empty(joints.shape)
-        np.subtract(joints[0], last, out=moved[0])
-        np.subtract(joints[1:], joints[:-1], out=moved[1:])
-        turns = moved[..., :3]
-        turns -= 2.0 * np.pi * np.rint(turns / (2.0 * np.pi))
+        last_ns, last = self._last or (int(stamps_ns[0]), joints[0])
+        self._last = (int(stamps_ns[-1]), joints[-1].copy())
+        if len(joints) == 1:  # as below, at a fifth of the time
+            step_ns = int(stamps_ns[0]) - last_ns
+            per_second = NS / step_ns if 0 < step_ns <= GAP_NS else np.nan
+            return _steps(joints, last, per_second)
         steps = np.diff(stamps_ns, prepend=last_ns)
-        seconds = np.where((steps > 0) & (steps <= GAP_NS), steps / NS, np.nan)
-        moved /= seconds[:, None, None]
-        return moved
+        known = np.where((steps > 0) & (steps <= GAP_NS), steps, np.nan)
+        return _steps(joints, np.concatenate([last[None], joints[:-1]]), (NS / known)[:, None, None])
+
+
+def _steps(joints: FloatArray, before: FloatArray, per_second: float | FloatArray) -> FloatArray:
+    """From before, each angle the short way, times a factor."""
+    steps = joints - before
+    steps *= _TURN
+    turns = steps[..., :3]
+    turns -= np.rint(turns)
+    steps *= per_second / _TURN
+    return steps

@@ -9,10 +9,14 @@ counted from there; a text is its length with the closing NUL, then its bytes; a
 
 import struct
 from collections.abc import Iterable
+from itertools import pairwise
 
 import numpy as np
 
 from sesa2.time import NS
+
+# So many runs of doubles are copied one by one.
+_FEW = 4
 
 LITTLE_ENDIAN = b'\x00\x01\x00\x00'
 
@@ -99,8 +103,17 @@ class Template:
         start = self._LEAD + len(LITTLE_ENDIAN)
         self._seconds = (np.array(stamps, dtype=np.intp) + start) // 4
         self._nanoseconds = self._seconds + 1
-        self._doubles = (np.array(doubles, dtype=np.intp) + start) // 8
+        at = (np.array(doubles, dtype=np.intp) + start) // 8
         self.n_doubles = len(doubles)
+        # Where doubles stand together, and which of the values they are. A few runs are copied faster than they are
+        # indexed; a path has one for every pose.
+        first = np.flatnonzero(np.diff(at, prepend=-1) != 1).tolist()
+        runs = [slice(a, b) for a, b in pairwise([*first, len(at)])]
+        self._runs: list[tuple[slice | np.ndarray, slice]] = [
+            (slice(int(at[run][0]), int(at[run][-1]) + 1), run) for run in runs
+        ]
+        if len(runs) > _FEW:
+            self._runs = [(at, slice(None))]
 
     def make(self, stamps_ns: np.ndarray, values: np.ndarray) -> np.ndarray:
         """Make messages.
@@ -118,7 +131,9 @@ class Template:
         """
         rows = np.empty((len(stamps_ns), len(self._row)), dtype=np.uint8)
         rows[:] = self._row
-        rows.view('<f8')[:, self._doubles] = values
+        doubles = rows.view('<f8')
+        for at, run in self._runs:
+            doubles[:, at] = values[:, run]
         words = rows.view('<i4')
         seconds, nanoseconds = np.divmod(stamps_ns, NS)
         words[:, self._seconds] = seconds[:, None]

@@ -92,20 +92,23 @@ class ResultMessages:
         result, stamps = estimate.models[model], estimate.stamps_ns
         if kind != 'joint_states':
             return _messages(self._templates[topic].make(stamps, _NUMBERS[kind](result)))
-        joints, velocities = _flat(result.joints), _flat(result.joint_velocities)
+        numbers = [values.reshape(len(stamps), -1) for values in (result.joints, result.joint_velocities)]
         if estimate.base_joints is not None and estimate.base_velocities is not None:
-            joints = np.concatenate([joints, estimate.base_joints], axis=-1)
-            velocities = np.concatenate([velocities, estimate.base_velocities], axis=-1)
-        moving = np.concatenate([joints, velocities], axis=-1)
-        unknown = np.flatnonzero(np.isnan(velocities[:, 0]))
-        messages = _messages(self._moving[topic].make(stamps, moving))
-        still = _messages(self._templates[topic].make(stamps[unknown], joints[unknown]))
-        for i, message in zip(unknown.tolist(), still, strict=True):
+            numbers = [numbers[0], estimate.base_joints, numbers[1], estimate.base_velocities]
+        states = np.concatenate(numbers, axis=-1)
+        unknown = np.isnan(states[:, -1])  # all of a message or none
+        if not unknown.any():
+            return _messages(self._moving[topic].make(stamps, states))
+        still, messages = self._templates[topic], _messages(self._moving[topic].make(stamps, states))
+        unmoved = _messages(still.make(stamps[unknown], states[unknown, : still.n_doubles]))
+        for i, message in zip(np.flatnonzero(unknown).tolist(), unmoved, strict=True):
             messages[i] = message
         return messages
 
 
 def _messages(rows: np.ndarray) -> list[bytes]:
+    if len(rows) == 1:
+        return [rows.tobytes()]
     size, together = rows.shape[1], rows.tobytes()
     return [together[k : k + size] for k in range(0, len(together), size)]
 
