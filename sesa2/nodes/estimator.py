@@ -72,7 +72,7 @@ class EstimatorNode(ConfinedNode):
     aligned
         the configuration since `~/align`; None before.
     n_sweeps
-        number of sweeps, with a result or without.
+        number of sweeps estimated.
     received
         number of messages of each IMU.
     unstamped
@@ -216,7 +216,6 @@ class EstimatorNode(ConfinedNode):
         while sweep.stamp_ns - self._recent[0].stamp_ns > _POSE_NS:
             self._recent.popleft()
         estimate = self._estimator.estimate([sweep])
-        self.n_sweeps += 1
         self._without_lengths += estimate.without_lengths
         if not estimate.models:
             return
@@ -225,6 +224,7 @@ class EstimatorNode(ConfinedNode):
                 continue
             publisher.publish(self._messages.make(topic, estimate)[0])
         self.latest = estimate
+        self.n_sweeps += 1
         for name, result in estimate.models.items():
             self._near_singular[name] += result.near_singular
             self._fallen_back[name] += result.fallen_back
@@ -386,6 +386,8 @@ class EstimatorNode(ConfinedNode):
             level, text = ERROR, f'no result: IMU {base_id} on the base is silent'
         elif sweeps:
             level, text = OK, f'{sweeps:.1f} Hz'
+        elif self._without_lengths:
+            level, text = ERROR, f'no result: {NO_LENGTHS}'
         else:
             level, text = ERROR, 'no IMU is alive'
         if self._recent and (doubt := self._compared_with_base()):

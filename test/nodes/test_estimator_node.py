@@ -97,8 +97,31 @@ def test_one_result_per_sweep_and_model_with_the_measurements_stamp(graph, node)
             )
             shape = [xyz(p.pose.position) for p in got[name, 'shape'][k].poses]
             np.testing.assert_allclose(shape, backbone.positions(model.link_ends)[k], atol=1e-12)
-            assert len(got[name, 'joint_states'][k].position) == 3 * model.n_links
             assert markers.header.frame_id == 'base_link'
+            joints = got[name, 'joint_states'][k]
+            assert len(joints.position) == 3 * model.n_links
+            if not k:
+                assert not len(joints.velocity)
+                continue
+            turn = np.subtract(joints.position, got[name, 'joint_states'][k - 1].position)  # in 1 s
+            np.testing.assert_allclose(joints.velocity, np.arctan2(np.sin(turn), np.cos(turn)), atol=1e-12)
+
+
+def test_an_arm_whose_lengths_nobody_says_has_no_shape_and_says_so(graph, configured):
+    lengths = {'segments': {'lengths': [0.1, 0.2]}, 'lengths': {'names': ['a', 'b'], 'segments': [1, 2]}}
+    graph.add(EstimatorNode(parameter_overrides=configured({**VALUES, **lengths})))
+    tips = graph.listen(PoseStamped, 'pcc/tip', STREAM)
+    diagnosis = graph.diagnosis()
+    graph.matched('/diagnostics')
+    sensors = Sensors(graph, (2, 5))
+    for k in range(2):
+        sensors.say(2, T0 + 500 * k * MS, [0.6, 0.0, 0.0, 0.8])
+        sensors.say(5, T0 + 500 * k * MS + MS, [0.6, 0.0, 0.0, 0.8])
+    [(level, text, counts), *_] = graph.until(lambda: diagnosis.of('estimator: segments'), 'an error')
+    assert level == DiagnosticStatus.ERROR
+    assert 'without a result: the length of a segment was not known' in text
+    assert int(counts['without_lengths']) in (1, 2)
+    assert not tips
 
 
 def test_the_configuration_is_latched_and_valid(graph, node):
