@@ -47,3 +47,9 @@ def test_after_a_gap_and_after_a_step_back_nothing_is_known():
     stamps = STAMPS[0] + np.array([0, 10, 10 + GAP_NS // 10**6, 11 + 2 * GAP_NS // 10**6, 5, 15, 15]) * 10**6
     got = JointVelocities().of(stamps, turning(np.array([1.0]), stamps))
     assert np.isnan(got[:, 0, 0]).tolist() == [True, False, False, True, True, False, True]
+
+
+def test_a_length_is_no_angle():
+    joints = np.zeros((2, 1, 4))
+    joints[1, 0, 3] = 5.0  # beyond half a turn, were it one
+    np.testing.assert_allclose(JointVelocities().of(STAMPS[:2], joints)[1, 0, 3], 500.0)
