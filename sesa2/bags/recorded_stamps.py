@@ -39,7 +39,7 @@ class RecordedStamps:
         data
             the messages, in CDR; long enough for a stamp where it is given another one.
         """
-        without = stamps_ns == 0
+        without = (stamps_ns == 0) & (log_ns != 0)  # a recording may begin at 0
         if without.any():
             self.unstamped.update(ids[without].tolist())
         for k in np.flatnonzero(without | self._arrival).tolist():

@@ -65,7 +65,10 @@ def test_times_before_zero_are_moved_and_said(start, shift):
 @pytest.mark.parametrize(
     ('bodies', 'message'),
     [
-        ({'M1': body([0.0])}, 'no body is an IMU, expected names imu_<id>; there are M1. A CSV must have'),
+        (
+            {'M1': body([0.0])},
+            'no body is an IMU, expected names imu_<id>; there are M1: rename in the file',
+        ),
         ({'imu_2': body([0.0]), 'Arm__imu_2': body([0.0])}, 'imu_2 and Arm:imu_2 are both IMU 2'),
         ({'imu_2': TrackedBody(np.zeros(1), np.zeros((1, 3)))}, 'imu_2 has no orientation, .*; said'),
     ],
@@ -73,3 +76,9 @@ def test_times_before_zero_are_moved_and_said(start, shift):
 def test_refused(bodies, message):
     with pytest.raises(Sesa2Error, match=message):
         imus(**bodies)
+
+
+@pytest.mark.parametrize('name', ['imu_2_quat', 'imu_2.orientation', 'Arm:IMU 2 Rotation', 'imu2_q'])
+def test_what_of_an_imu_it_is_may_stand_in_its_name(name):
+    part = CapturedImus(Path('take.csv'), MotionCapture('x', {name: body([0.0])}))
+    assert list(part.topics) == ['/imu_2/data']

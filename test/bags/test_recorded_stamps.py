@@ -109,3 +109,11 @@ def test_the_case(cases, tmp_path):
     whole, piece = read_poses(cases / '00-common/est10', 'pcc/markers'), markers(tmp_path / 'out')
     nearest = np.abs(whole.times_s - piece.times_s[:, None]).argmin(axis=1)
     np.testing.assert_allclose(whole.positions[nearest], piece.positions, atol=2e-3)
+
+
+def test_a_recording_that_begins_at_0_lacks_no_stamp():
+    stamps = RecordedStamps()
+    stamps_ns = np.array([0, 5])
+    stamps.complete(np.array([1, 1]), stamps_ns, np.array([0, 5]), [b'', b''])
+    assert stamps_ns.tolist() == [0, 5]
+    assert stamps.problems == []
