@@ -4,7 +4,8 @@ from collections import Counter
 
 import numpy as np
 
-from sesa2.messages.header_bytes import with_stamp
+from sesa2.errors import Sesa2Error
+from sesa2.messages.header_bytes import read_stamp, with_stamp
 
 
 class RecordedStamps:
@@ -45,6 +46,14 @@ class RecordedStamps:
         for k in np.flatnonzero(without | self._arrival).tolist():
             stamps_ns[k] = log_ns[k]
             data[k] = with_stamp(data[k], int(log_ns[k]))
+
+    def of_field(self, data: bytes, log_ns: int) -> bytes:
+        """A message of a magnetometer beside an IMU, with what stands in for its stamp; damaged ones as they are."""
+        try:
+            without = self._arrival or not read_stamp(data)
+        except Sesa2Error:
+            return data
+        return with_stamp(data, log_ns) if without else data
 
     @property
     def problems(self) -> list[str]:

@@ -19,7 +19,6 @@ from visualization_msgs.msg import MarkerArray
 from sesa2.alignment.earth_frame import BaseComparison
 from sesa2.alignment.straight_pose import Alignment, align_straight
 from sesa2.configuration import Configuration, files
-from sesa2.configuration.kept_accelerometers import keep_accelerometers
 from sesa2.errors import Sesa2Error
 from sesa2.estimation.arrivals import lag_in_words
 from sesa2.estimation.estimator import Estimate, Estimator
@@ -29,7 +28,7 @@ from sesa2.messages.header_bytes import read_stamp, with_stamp
 from sesa2.messages.orientation_intake import OrientationIntake, unaligned_headings
 from sesa2.messages.results import TYPES, ResultMessages
 from sesa2.messages.robot import describe_robot
-from sesa2.messages.topic_names import CONFIGURATION, imu_field, imu_name, imu_topics, of_model
+from sesa2.messages.topic_names import CONFIGURATION, imu_fields, imu_name, imu_topics, of_model
 from sesa2.ros.confined_node import ConfinedNode
 from sesa2.ros.diagnostics import ERROR, OK, WARN, Diagnostics, Part
 from sesa2.ros.parameters import declare_configuration, origin_of
@@ -85,10 +84,7 @@ class EstimatorNode(ConfinedNode):
         self._saved = ''  # as written last
         self._estimator = Estimator(self.configuration)
         self.assembler = self._estimator.assembler()
-        used_ids = self.configuration.imus.used_ids
-        self.intake = OrientationIntake(
-            self.configuration.imus.fusion, used_ids, keep_accelerometers(self.configuration)
-        )
+        self.intake = OrientationIntake.of(self.configuration)
         self.latest: Estimate | None = None
         self.aligned: Configuration | None = None
         self.n_sweeps = 0
@@ -118,10 +114,9 @@ class EstimatorNode(ConfinedNode):
         ]
         if self.intake.wants_fields:
             self._subscriptions_of_imus += [
-                self.create_subscription(
-                    MagneticField, imu_field(i), partial(self._take_field, i), qos, raw=True
-                )
-                for i in imus.used_ids
+                self.create_subscription(MagneticField, topic, partial(self._take_field, i), qos, raw=True)
+                for i, topic in imu_fields(self.configuration).items()
+                if i in imus.used_ids
             ]
         self._last_refused = Counter[int]()
         self._told_refused: set[int] = set()
@@ -190,6 +185,8 @@ class EstimatorNode(ConfinedNode):
 
     def _take_field(self, imu: int, data: bytes) -> None:
         try:
+            if self.configuration.imus.stamps == 'arrival' or not read_stamp(data):
+                data = with_stamp(data, int(self.get_clock().now().nanoseconds))
             self.intake.take_field(imu, data)
         except Sesa2Error:
             self._unreadable += 1
@@ -386,7 +383,7 @@ class EstimatorNode(ConfinedNode):
         parts.append(('sweeps', level, text, counts))
         imus = self.configuration.imus
         if doubts := [*unaligned_headings(imus.fusion, imus.headings), *self.intake.doubts]:
-            parts.append(('fusion', WARN, '; '.join(doubts), {}))
+            parts.append(('fusion' if self.intake.fuses else 'orientations', WARN, '; '.join(doubts), {}))
         for name, n in self._near_singular.items():
             if n:
                 text = f'{n} sweeps with a joint beyond 80° about z: joint angles are near their singularity'
