@@ -32,7 +32,7 @@ from sesa2.messages.topic_names import CONFIGURATION, imu_fields, imu_name, imu_
 from sesa2.ros.confined_node import ConfinedNode
 from sesa2.ros.diagnostics import ERROR, OK, WARN, Diagnostics, Part
 from sesa2.ros.parameters import declare_configuration, origin_of
-from sesa2.ros.qos import ANY_STREAM, LATCHED, STREAM
+from sesa2.ros.qos import ANY_STREAM, LATCHED, STREAM, telling_why_unheard
 from sesa2.ros.spinning import run_alone
 from sesa2.ros.unheard_imus import PATIENCE_S, why_unheard
 from sesa2.shape.rotations import FloatArray
@@ -108,7 +108,14 @@ class EstimatorNode(ConfinedNode):
         # Our own bridge and player are reliable; with other people's drivers anything that can be heard will do.
         qos = ANY_STREAM if self.configuration.run.source == 'external' else STREAM
         self._subscriptions_of_imus = [
-            self.create_subscription(Imu, self._imu_topics[i], self._take(index), qos, raw=True)
+            self.create_subscription(
+                Imu,
+                self._imu_topics[i],
+                self._take(index),
+                qos,
+                event_callbacks=telling_why_unheard(self, self._imu_topics[i]),
+                raw=True,
+            )
             for index, i in enumerate(self._ids)
             if i in imus.used_ids
         ]

@@ -140,6 +140,7 @@ def test_the_next_step_is_told(graph, node, say):
     graph.until(
         lambda: (d := diagnosis.latest('calibration: imu_2')) and d[1] == 'calibrated; not saved', 'a status'
     )
+    assert diagnosis.latest('calibration: imu_2')[2]['poses'] == '6'
     assert diagnosis.latest('calibration: imu_5')[1] == 'nothing heard; not saved'
 
 
@@ -322,4 +323,5 @@ def test_it_leads_through_the_six_poses_of_raw_imus(graph, configured, file):
         ),
         'a diagnosis',
     )
+    assert diagnosis.latest('calibration: imu_2')[2]['poses'] == '6'
     assert diagnosis.latest('calibration: imu_5')[1] == 'nothing heard; not saved'
