@@ -11,6 +11,7 @@ says in which order and about which axes they turn.
 
 import difflib
 import re
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -133,7 +134,12 @@ def read(file: ExportFile, rate: float | None = None) -> MotionCapture:
         if xyz is not None:
             xyz = xyz * _metres_of(file, name, [parts[axis] for axis in 'xyz'], header, below)
         tracked[name] = TrackedBody(times, xyz, xyzw)
-    return MotionCapture(KIND, tracked, notes=(*table.notes, *notes, *_unused(file, header, columns)))
+    rest = [
+        cell
+        for column, cell in enumerate(header)
+        if column not in columns and cell.lower() not in _COUNTS and not _TIME.fullmatch(cell)
+    ]
+    return MotionCapture(KIND, tracked, notes=(*table.notes, *notes, *unused_columns(file.name, rest)))
 
 
 def _units_below(file: ExportFile, line: int, delimiter: str, n: int) -> list[str]:
@@ -157,17 +163,12 @@ def _metres_of(file: ExportFile, name: str, columns: list[int], header: list[str
     return metres_in(units.pop(), file.name)
 
 
-def _unused(file: ExportFile, header: list[str], columns: list[int]) -> list[str]:
-    """What has to be said of the columns that are not read."""
-    rest = [
-        cell
-        for column, cell in enumerate(header)
-        if column not in columns and cell.lower() not in _COUNTS and not _TIME.fullmatch(cell)
-    ]
-    if not rest:
-        return []
-    angles = f'; {_ANGLES}' if any(map(_ANGLE.fullmatch, rest)) else ''
-    return [f'{file.name}: columns not used: {listed(rest)}{angles}']
+def unused_columns(where: str, names: Sequence[str]) -> tuple[str, ...]:
+    """What has to be said of the columns that are not read, where there are some."""
+    if not names:
+        return ()
+    angles = f'; {_ANGLES}' if any(map(_ANGLE.fullmatch, names)) else ''
+    return (f'{where}: columns not used: {listed(names)}{angles}',)
 
 
 def _time_column(file: ExportFile, header: list[str], rate: float | None) -> tuple[int, float | None]:

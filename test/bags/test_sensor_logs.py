@@ -193,3 +193,32 @@ def test_a_csv_of_all_imus_without_fusion_or_whole_columns_is_told(tmp_path, cap
     assert '1200 samples not used: the driver says' in capsys.readouterr().err
     assert main(['replay', str(inertial_csv(tmp_path / 'b.csv', drop='imu_2_az')), *out]) == 1
     assert 'has a column imu_2_ax, but none imu_2_az' in capsys.readouterr().err
+
+
+def with_units(text):
+    """The same numbers in °/s and g, a comment above, and a column of words that nobody asked for."""
+    header, *rows = text.strip().split('\n')
+    units = {'g': ('[deg/s]', np.pi / 180.0), 'a': ('[g]', 9.80665)}
+    names = header.split(',')
+    cells = [[name, *(row.split(',')[k] for row in rows)] for k, name in enumerate(names)]
+    for column in cells[1:]:
+        unit, scale = units[column[0].split('_')[2][0]]
+        column[:] = [f'{column[0]} {unit}', *(f'{float(v) / scale:.9f}' for v in column[1:])]
+    cells.append(['note', *['words'] * len(rows)])
+    return '# by hand\n' + '\n'.join(map(','.join, zip(*cells, strict=True))) + '\n'
+
+
+@needs_vqf
+def test_a_csv_of_all_imus_in_other_units(tmp_path, capsys):
+    config = configured(tmp_path / 'arm.yaml', '6d')
+    path = inertial_csv(tmp_path / 'raw.csv')
+    other = tmp_path / 'other.csv'
+    other.write_text(with_units(path.read_text()))
+    for source in (path, other):
+        assert main(['replay', str(source), '--config', config, '--out', str(tmp_path / source.stem)]) == 0
+    assert 'warning: other.csv: columns not used: note' in capsys.readouterr().err
+    one, two = (read_poses(tmp_path / name, 'pcc/markers').positions for name in ('raw', 'other'))
+    np.testing.assert_allclose(one, two, atol=1e-5)
+    other.write_text(other.read_text().replace('[g]', '[stone]'))
+    assert main(['replay', str(other), '--config', config, '--out', str(tmp_path / 'x')]) == 1
+    assert "imu_1_ax in 'stone', expected one of g, mg, m/s^2" in capsys.readouterr().err
