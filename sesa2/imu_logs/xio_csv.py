@@ -127,7 +127,6 @@ def _field_at(times: FloatArray, path: Path) -> tuple[FloatArray, tuple[str, ...
     )
     near = np.abs(times[nearest] - beside.times) <= _NEAR * float(np.median(np.diff(times[order])))
     fields[nearest[near]] = measured[near]
-    return fields, (
-        *beside.columns.notes,
-        f'its magnetic field is that of {path.name}, {int(near.sum())} samples',
-    )
+    lost = int((~near).sum())
+    notes = [f'{path}: {lost} of {len(near)} magnetic fields are of a time without samples'] if lost else []
+    return fields, (*beside.columns.notes, *notes)

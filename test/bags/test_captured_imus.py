@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from sesa2.bags.captured_imus import CapturedImus
+from sesa2.bags.recording import open_recording
 from sesa2.errors import Sesa2Error
 from sesa2.messages.imu_messages import read_imu
 from sesa2.mocap.capture import MotionCapture, TrackedBody
@@ -82,3 +83,10 @@ def test_refused(bodies, message):
 def test_what_of_an_imu_it_is_may_stand_in_its_name(name):
     part = CapturedImus(Path('take.csv'), MotionCapture('x', {name: body([0.0])}))
     assert list(part.topics) == ['/imu_2/data']
+
+
+def test_a_trajectory_that_is_named_after_its_imu_is_a_recording(tmp_path):
+    path = tmp_path / 'imu_2.tum'
+    path.write_text('5.0 0 0 0 0.6 0 0 0.8\n5.1 0 0 0 0.6 0 0 0.8\n')
+    with open_recording(path) as recording:
+        assert {name: topic.count for name, topic in recording.topics.items()} == {'/imu_2/data': 2}
