@@ -18,7 +18,7 @@ from sesa2.shape.rotations import FloatArray
 _NOT_SEEN = {'', 'nan', 'na', 'n/a', 'null', 'none', '-', '.'}
 _GAP = b'-9223372036854775807'
 _LARGEST = 9_200_000_000_000_000_000  # beyond it, digits were lost
-_POWERS = 10.0 ** np.arange(20)
+_POWERS = 10.0 ** np.arange(23)  # as far as they are exact
 _BLOCK = 500_000  # bytes at once: all that is made of them stays in the cache
 
 
@@ -156,9 +156,9 @@ def _plain_decimals(block: bytes, columns: list[int], delimiter: str) -> FloatAr
     if gaps:
         empty = empty.reshape(n_rows, width)[:, columns]
         values[empty] = 0
-    if values.max() > _LARGEST or values.min() < -_LARGEST:
+    if values.max() > _LARGEST or values.min() < -_LARGEST or decimals.max() >= len(_POWERS):
         return None
-    rows = values / _POWERS[np.minimum(decimals, len(_POWERS) - 1)]
+    rows = values / _POWERS[decimals]
     if gaps:
         rows[empty] = np.nan
     return rows
