@@ -113,6 +113,7 @@ class LogColumns:
             where=file.name,
             first_line=header_line + 2,
             short_rows=True,
+            width=len(header),
         )
         self.notes = table.notes
         self._column = {name: table.rows[:, columns.index(k)] for name, k in self._at.items()}

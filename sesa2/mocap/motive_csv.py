@@ -80,6 +80,7 @@ def read(file: ExportFile) -> MotionCapture:
         where=file.name,
         first_line=last + 2,
         short_rows=True,
+        width=len(axes),
     )
     of = dict(zip(columns, table.rows.T, strict=True))
     times = of[1]

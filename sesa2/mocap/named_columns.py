@@ -122,6 +122,7 @@ def read(file: ExportFile, rate: float | None = None) -> MotionCapture:
         names=[header[c] for c in columns],
         where=file.name,
         first_line=line + 1,
+        width=len(header),
     )
     times, notes = _times(file, header[time], scale, table)
     of = dict(zip(columns, table.rows.T, strict=True))

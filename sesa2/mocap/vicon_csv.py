@@ -113,6 +113,7 @@ def _section(file: ExportFile, begin: int, end: int, notes: list[str]) -> dict[s
         where=file.name,
         first_line=first_line + _HEADER,
         short_rows=True,
+        width=len(axes),
     )
     of_column = dict(zip(columns, table.rows.T, strict=True))
     times = (of_column[0] - 1.0) / rate

@@ -44,6 +44,9 @@ _POSE_NS = 3 * NS
 _LOOK_EVERY_NS = NS // 20
 _EVERY_TENTH = 10  # of the sweeps tells as well how the arm stands
 
+# Stamps that go on by so many times more or less than time does are in another unit, if there are enough of them.
+_FACTOR, _ENOUGH = 20.0, 20
+
 # What an alignment changes.
 _ALIGNED = ('imus.mount_orientations', 'imus.headings')
 
@@ -125,6 +128,8 @@ class EstimatorNode(ConfinedNode):
                 for i, topic in imu_fields(self.configuration).items()
                 if i in imus.used_ids
             ]
+        self._newest_ns: dict[int, int] = {}  # stamp of each IMU, and as it was at the last report
+        self._reported_ns: dict[int, int] = {}
         self._last_refused = Counter[int]()
         self._told_refused: set[int] = set()
         self.received = Counter[int]()
@@ -165,6 +170,7 @@ class EstimatorNode(ConfinedNode):
                 return
             if sample is None:
                 return
+            self._newest_ns[imu] = sample[0]
             for sweep in add(index, *sample, arrival_ns):
                 self._publish(sweep)
 
@@ -328,6 +334,18 @@ class EstimatorNode(ConfinedNode):
         spans = stuck_spans(stamps, orientations, np.stack([s.measured for s in self._recent]))
         return {i: own[-1][1] - own[-1][0] for i, own in enumerate(spans) if own and own[-1][1] == stamps[-1]}
 
+    def _stamps_astray(self, imu: int, elapsed: float) -> str:
+        """What is to be said of a driver's stamps that do not go as time does, since the last report."""
+        if self.configuration.run.source != 'external' or imu not in self._reported_ns:
+            return ''
+        advanced = (self._newest_ns[imu] - self._reported_ns[imu]) / NS
+        if elapsed / _FACTOR < advanced < elapsed * _FACTOR:
+            return ''
+        return (
+            f'its stamps went on by {advanced:.2g} s in {elapsed:.2g} s: in another unit? imus.stamps: arrival takes '
+            'the time of arrival'
+        )
+
     def _report(self) -> list[Part]:
         now, before = time.monotonic(), self._last_report
         elapsed = now - before[0]
@@ -358,6 +376,8 @@ class EstimatorNode(ConfinedNode):
                 level, text = WARN, stuck_in_words(stuck[index])
             if self.unstamped[imu]:
                 level, text = max(level, WARN), f'{text}; {_NO_STAMP}'
+            if rate * elapsed >= _ENOUGH and (astray := self._stamps_astray(imu, elapsed)):
+                level, text = max(level, WARN), f'{text}; {astray}'
             n_refused = sum(refused.get(imu, Counter()).values())
             if n_refused - self._last_refused[imu] > (self.received[imu] - before[1][imu]) // 2:
                 level, text = max(level, WARN), f'{rate:.1f} Hz, of no use: {self.intake.why(imu)}'
@@ -368,6 +388,7 @@ class EstimatorNode(ConfinedNode):
             if index in lags:
                 level, text = max(level, WARN), f'{text}; {lag_in_words(lags[index])}'
             parts.append((imu_name(imu), level, text, {'rate_hz': f'{rate:.1f}', 'publishers': publishers}))
+        self._reported_ns = dict(self._newest_ns)
         sweeps = (self.n_sweeps - before[2]) / elapsed
         dropped = {f'dropped: {reason}': n for reason, n in self.assembler.dropped.items()}
         for reasons in refused.values():

@@ -1,7 +1,12 @@
 """Drivers of other people, whose publishers are as they are: heard, or it is said what does not match."""
 
+import time
+
+import numpy as np
 import pytest
+from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import Imu
 
 from sesa2.bags.reading import ImuRecording
@@ -53,6 +58,57 @@ def test_they_are_heard_and_recorded(graph, configured, tmp_path, qos):
     with open_recording(tmp_path / 'bag') as recording:
         counts = ImuRecording(recording, estimator.configuration).counts
     assert min(counts.values()) >= 5
+
+
+def until_said(graph, publish, part, *words):
+    """Publish until something is said about a part of the estimator."""
+    diagnosis = graph.diagnosis()
+
+    next_s = 0.0
+
+    def said():
+        nonlocal next_s
+        if time.monotonic() > next_s:  # as often as an IMU speaks; a flood would drown what is said
+            next_s = time.monotonic() + 0.01
+            publish()
+        latest = diagnosis.latest(f'estimator: {part}')
+        return latest and latest[0] == DiagnosticStatus.WARN and all(word in latest[1] for word in words)
+
+    graph.until(said, ' '.join(words))
+
+
+def test_stamps_in_another_unit_are_told(graph, configured):
+    graph.add(EstimatorNode(parameter_overrides=configured(VALUES)))
+    publishers = [graph.probe.create_publisher(Imu, topic, BEST_EFFORT) for topic in TOPICS]
+    graph.matched(*TOPICS)
+    imu = ImuMessages('imu')
+
+    def publish():
+        stamps = time.time_ns() // 1000, time.time_ns()  # the first one's are in microseconds
+        for publisher, stamp_ns in zip(publishers, stamps, strict=True):
+            publisher.publish(imu.make(stamp_ns, Q))
+
+    until_said(graph, publish, 'imu_1', 'its stamps went on by', 'in another unit? imus.stamps: arrival')
+
+
+def test_conjugated_quaternions_are_told(graph, configured):
+    values = {**VALUES, 'imus': {**VALUES['imus'], 'topics': ['a/data', 'b/data']}}
+    graph.add(EstimatorNode(parameter_overrides=configured(values)))
+    publishers = [graph.probe.create_publisher(Imu, topic, BEST_EFFORT) for topic in ('a/data', 'b/data')]
+    graph.matched('a/data', 'b/data')
+    imu, k = ImuMessages('imu'), 0
+
+    def publish():
+        nonlocal k
+        k += 1
+        lean = Rotation.from_rotvec([0.0, 0.6 + 0.3 * np.sin(0.1 * k), 0.0])
+        up = lean.inv().apply([0.0, 0.0, 9.81])
+        for publisher in publishers:
+            publisher.publish(imu.make(T0 + k * 10_000_000, lean.inv().as_quat(), up))
+
+    until_said(
+        graph, publish, 'orientations', 'IMU 1, 2: its acceleration shows that its quaternions are conjugated'
+    )
 
 
 def test_where_they_cannot_be_heard_it_is_said_why_and_what_to_do(graph, configured):
