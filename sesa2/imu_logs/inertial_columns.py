@@ -11,11 +11,10 @@ import numpy as np
 from sesa2.imu_logs.sensor_log import UNITS_OF, LogColumns, Quantity, SensorLog, SensorLogError
 from sesa2.mocap.export_file import ExportFile
 from sesa2.mocap.named_columns import find_header, unused_columns
-from sesa2.mocap.time_units import TIME_UNITS, in_seconds
+from sesa2.mocap.time_units import TIME_COLUMN, TIME_UNITS, in_seconds
 from sesa2.shape.rotations import FloatArray
 
 KIND = 'CSV of IMUs'
-_TIME = re.compile(r'(?:time|timestamp|t)(?:\s*[_ (\[]\s*(s|sec|seconds|ms|us|µs|ns)\s*[)\]]?)?')
 _INERTIAL = re.compile(r'(imu_(\d+)_([gam])[xyz])(?:\s*[(\[]\s*(\S+?)\s*[)\]])?')
 _ORIENTATION = re.compile(r'imu_\d+_[xyzw]')
 _SENSORS = {'g': 'gyroscope', 'a': 'accelerometer', 'm': 'magnetometer'}
@@ -37,7 +36,7 @@ def read(file: ExportFile) -> dict[int, SensorLog]:
     """
     line, cells, delimiter = find_header(file)
     header = [cell.lower() for cell in cells]
-    found = next(((cell, match) for cell in header if (match := _TIME.fullmatch(cell))), None)
+    found = next(((cell, match) for cell in header if (match := TIME_COLUMN.fullmatch(cell))), None)
     if found is None:
         raise SensorLogError(f'{file.name}: no column time_s; its columns: {", ".join(header)}')
     units: dict[tuple[int, str], float] = {}
@@ -87,4 +86,4 @@ def _called(cell: str) -> str:
     match = _INERTIAL.fullmatch(name)
     if match:
         return match[1]
-    return name if _TIME.fullmatch(name) or _ORIENTATION.fullmatch(name) else ''
+    return name if TIME_COLUMN.fullmatch(name) or _ORIENTATION.fullmatch(name) else ''

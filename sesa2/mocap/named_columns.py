@@ -2,11 +2,11 @@
 
 Comments after # may stand above, and the columns in the last of them, as numpy's savetxt writes them; below them may
 stand a line of units. Between the cells are commas, semicolons, tabs or blanks.
-A column of time is `time_s` (or `time`, `timestamp`, `t`), or says its unit: `time_ms`, `time_us`, `time_ns`; or it is
-`frame`, with the rate of the frames given. Between a name and its axis may stand `_`, `.`, `-`, `:` or a blank; a unit
-may follow, as in `M1_x [mm]`. A body with NAME_qx, NAME_qy, NAME_qz, NAME_qw, or with NAME_x, _y, _z and _w, has an
-orientation (the latter no position). Other columns are told as not used; angles are none that could be, since nothing
-says in which order and about which axes they turn.
+A column of time is `time_s` (or `time`, `timestamp`, `t`, `Zeit` and the like), or says its unit: `time_ms`, `time_us`,
+`time_ns`; or it is `frame`, with the rate of the frames given. Between a name and its axis may stand `_`, `.`, `-`, `:`
+or a blank; a unit may follow, as in `M1_x [mm]`. A body with NAME_qx, NAME_qy, NAME_qz, NAME_qw, or with NAME_x, _y, _z
+and _w, has an orientation (the latter no position). Other columns are told as not used; angles are none that could be,
+since nothing says in which order and about which axes they turn.
 """
 
 import difflib
@@ -20,15 +20,12 @@ from sesa2.mocap.body_names import listed
 from sesa2.mocap.capture import LENGTH_UNITS, MocapError, MotionCapture, TrackedBody, metres_in
 from sesa2.mocap.export_file import ExportFile, delimiter_of
 from sesa2.mocap.number_table import NumberTable, read_numbers
-from sesa2.mocap.time_units import TIME_UNITS, in_seconds
+from sesa2.mocap.time_units import TIME_COLUMN, TIME_UNITS, in_seconds
 
 KIND = 'CSV with named columns'
 EXPECTED = (
     'A CSV must have the columns time_s (s) and NAME_x, NAME_y, NAME_z (m) of each marker; '
     'of each IMU imu_<id>_x, _y, _z, _w (a quaternion)'
-)
-_TIME = re.compile(
-    r'(?:time|timestamp|t)(?:\s*[_ (\[]\s*(s|sec|seconds|ms|us|µs|ns)\s*[)\]]?)?', re.IGNORECASE
 )
 _COMPONENT = re.compile(r'(.+?)[_.\-: ](q?)([xyzwXYZW])\s*(?:[_ ]?[(\[]?\s*(mm|cm|m|in|ft)\s*[)\]]?)?')
 _ANGLE = re.compile(r'.*(?:roll|pitch|yaw|euler|heading).*', re.IGNORECASE)
@@ -88,7 +85,7 @@ def _is_number(cell: str) -> bool:
 def matches(file: ExportFile) -> bool:
     """Whether its columns are named, and one is a time or a component of anything."""
     cells = find_header(file).cells
-    return any(_TIME.fullmatch(cell) or _COMPONENT.fullmatch(cell) for cell in cells)
+    return any(TIME_COLUMN.fullmatch(cell) or _COMPONENT.fullmatch(cell) for cell in cells)
 
 
 def read(file: ExportFile, rate: float | None = None) -> MotionCapture:
@@ -138,7 +135,7 @@ def read(file: ExportFile, rate: float | None = None) -> MotionCapture:
     rest = [
         cell
         for column, cell in enumerate(header)
-        if column not in columns and cell.lower() not in _COUNTS and not _TIME.fullmatch(cell)
+        if column not in columns and cell.lower() not in _COUNTS and not TIME_COLUMN.fullmatch(cell)
     ]
     return MotionCapture(KIND, tracked, notes=(*table.notes, *notes, *unused_columns(file.name, rest)))
 
@@ -174,7 +171,7 @@ def unused_columns(where: str, names: Sequence[str]) -> tuple[str, ...]:
 
 def _time_column(file: ExportFile, header: list[str], rate: float | None) -> tuple[int, float | None]:
     """The column of time, and its unit, s; None where that has to be seen in the numbers."""
-    found = {i: match for i, cell in enumerate(header) if (match := _TIME.fullmatch(cell))}
+    found = {i: match for i, cell in enumerate(header) if (match := TIME_COLUMN.fullmatch(cell))}
     frames = [i for i, cell in enumerate(header) if cell.lower().rstrip('#') == 'frame']
     if rate is not None:
         column = next(iter([*frames, *found]), None)
@@ -196,7 +193,7 @@ def _bodies(file: ExportFile, header: list[str]) -> dict[str, dict[str, int]]:
     bodies: dict[str, dict[str, int]] = {}
     for column, cell in enumerate(header):
         match = _COMPONENT.fullmatch(cell)
-        if match and not _TIME.fullmatch(cell):
+        if match and not TIME_COLUMN.fullmatch(cell):
             part = f'{match[2]}{match[3].lower()}'
             if part in bodies.setdefault(match[1], {}):
                 raise MocapError(f'{file.name}: {header.count(cell)} columns are called {cell}')

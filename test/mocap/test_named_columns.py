@@ -23,6 +23,8 @@ def test_metres_and_seconds(export):
         'note;M1_z;M1_x;M1_y;time_s\n',
         'note,M1.z,M1.x,M1.y,Time\n',
         'note,M1 Z,M1 X,M1 Y,Time (s)\n',
+        'note,M1 Z,M1 X,M1 Y,Zeit [s]\n',
+        'note,M1 Z,M1 X,M1 Y,temps (s)\n',
         'note,M1 Z,M1 X,M1 Y,Time (Seconds)\n',
         'note,M1-Z [m],M1-X [m],M1-Y [m],timestamp\n',
         '"note","M1_z","M1_x","M1_y","time_s"\n',
