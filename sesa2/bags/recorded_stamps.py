@@ -8,7 +8,7 @@ from sesa2.errors import Sesa2Error
 from sesa2.messages.header_bytes import read_stamp, with_stamp
 from sesa2.time import NS
 
-_LOOKED_AT = 1000  # samples of each IMU that tell how its stamps step
+_LOOKED_AT = 10_000  # samples that tell how stamps step
 _ENOUGH = 50
 _REPEATED = 0.6  # of the steps: more than messages that come twice make
 # Between units lies a factor of 1000; recordings are played faster or slower by less than this.
@@ -33,7 +33,7 @@ class RecordedStamps:
         self._arrival = arrival
         self.unstamped: Counter[int] = Counter()
         self._seen: defaultdict[int, list[np.ndarray]] = defaultdict(list)  # stamps and times of recording
-        self._n_seen: Counter[int] = Counter()
+        self._n_seen = 0
 
     def complete(self, ids: np.ndarray, stamps_ns: np.ndarray, log_ns: np.ndarray, data: list[bytes]) -> None:
         """Fill in, in place.
@@ -49,11 +49,11 @@ class RecordedStamps:
         data
             the messages, in CDR; long enough for a stamp where it is given another one.
         """
-        for imu in np.unique(ids).tolist():
-            if self._n_seen[imu] < _LOOKED_AT:
-                own = np.flatnonzero(ids == imu)[:_LOOKED_AT]
+        if self._n_seen < _LOOKED_AT:
+            self._n_seen += len(ids)
+            for imu in np.unique(ids).tolist():
+                own = ids == imu
                 self._seen[imu].append(np.stack([stamps_ns[own], log_ns[own]]))
-                self._n_seen[imu] += len(own)
         without = (stamps_ns == 0) & (log_ns != 0)  # a recording may begin at 0
         if without.any():
             self.unstamped.update(ids[without].tolist())

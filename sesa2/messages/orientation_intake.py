@@ -30,6 +30,7 @@ NO_ORIENTATION = 'the driver says that it gives no orientation (orientation_cova
 ALL_ZERO = 'the driver gives an orientation of zeros alone'
 NOTHING_TO_FUSE = 'the driver gives no angular velocity or no acceleration, which imus.fusion needs'
 
+_BLOCKS_LOOKED_AT = 4  # of recordings one of so many blocks is
 _LOOKED_AT = 10  # one of so many samples is looked at for whether it can be
 
 _UPRIGHT = 0.5  # cosine of an arm to the vertical that stands or hangs rather than lies
@@ -111,6 +112,7 @@ class OrientationIntake:
         self._has_inertial: set[int] = set()
         self._gravity = GravityCheck(base_tells)
         self._taken: Counter[int] = Counter()
+        self._n_blocks = 0
 
     @property
     def refused(self) -> dict[int, Counter[str]]:
@@ -266,9 +268,11 @@ class OrientationIntake:
         if zero.any():
             zero &= read.has_inertial & ~absent
         none = absent | zero
-        some = np.flatnonzero(ours & ~none)
-        for imu in np.unique(ids[some]).tolist() if len(some) else ():
-            self._look_at(imu, read.values[some[ids[some] == imu][::_LOOKED_AT]])
+        self._n_blocks += 1
+        if self._n_blocks % _BLOCKS_LOOKED_AT == 1:
+            some = np.flatnonzero(ours & ~none)
+            for imu in np.unique(ids[some]).tolist():
+                self._look_at(imu, read.values[some[ids[some] == imu][::_LOOKED_AT]])
         if not none.any():
             return TakenOrientations(read.stamps_ns, read.orientations, read.readable, read.readable)
         for refused, reason in ((ours & absent, NO_ORIENTATION), (ours & zero, ALL_ZERO)):
