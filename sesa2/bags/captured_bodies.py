@@ -85,10 +85,14 @@ def _bodies_in(recording: Recording, topic: str | None = None) -> MotionCapture:
         raise Sesa2Error(f'{path}: {asked} with poses of markers; its topics: {_described(recording)}')
     names = _names(list(readers))
     seen: dict[str, list[_Seen]] = {}
+    lengths: dict[str, set[int]] = {}  # of the arrays on a topic
     unreadable = 0
     for message in recording.messages(readers):
         try:
-            for body in readers[message.topic](message.data):
+            bodies_here = list(readers[message.topic](message.data))
+            if recording.topics[message.topic].type == _POSE_ARRAY:
+                lengths.setdefault(message.topic, set()).add(len(bodies_here))
+            for body in bodies_here:
                 name = body.name or names[message.topic]
                 if name.startswith('['):  # a place in an array
                     name = message.topic + name
@@ -99,6 +103,12 @@ def _bodies_in(recording: Recording, topic: str | None = None) -> MotionCapture:
     notes = list(recording.problems)
     if unreadable:
         notes.append(f'{path}: {unreadable} messages not used: damaged')
+    notes += [
+        f'{path}: {topic} has {min(n)} to {max(n)} poses a message, and nothing says which are missing: a place in it '
+        'may be now one body, now another'
+        for topic, n in lengths.items()
+        if len(n) > 1
+    ]
     bodies = {}
     for name, samples in seen.items():
         poses = np.array([s.pose for s in samples])
@@ -190,12 +200,13 @@ def _array(data: bytes) -> Iterator[_Seen]:
 _NAMES = ('name', 'rigid_body_name', 'marker_name', 'body_name', 'subject_name', 'segment_name')
 _PLACES = ('pose', 'position', 'translation')
 
+_POSE_ARRAY = 'geometry_msgs/msg/PoseArray'
 _READERS: dict[str, Callable[[bytes], Iterator[_Seen]]] = {
     'geometry_msgs/msg/PoseStamped': _pose,
     'geometry_msgs/msg/PoseWithCovarianceStamped': _pose,
     'geometry_msgs/msg/PointStamped': _point,
     'geometry_msgs/msg/TransformStamped': _transform,
-    'geometry_msgs/msg/PoseArray': _array,
+    _POSE_ARRAY: _array,
     'nav_msgs/msg/Odometry': _odometry,
     'tf2_msgs/msg/TFMessage': _tf,
 }

@@ -17,15 +17,17 @@ from sesa2.mocap.named_columns import EXPECTED
 from sesa2.shape.rotations import FloatArray
 from sesa2.time import NS
 
-_IMU = re.compile(r'(?:.*[:/])?imu[_\- ]?(\d+)', re.IGNORECASE)
+_WHAT = 'q|quat|quaternion|rot|rotation|orientation'  # of the IMU
+_IMU = re.compile(rf'(?:.*[:/])?imu[_\- ]?(\d+)(?:[_. \-](?:{_WHAT}))?', re.IGNORECASE)
 _BLOCK = 4096  # messages made at once
 
 
 class CapturedImus:
     """The bodies called `imu_<id>`, as a part of a recording (`topics.Part`).
 
-    A prefix (`Arm:imu_2`) and ways of writing it (`IMU 2`) do no harm. Where a body was not seen, the IMU has not
-    measured. A bag knows no time before 0: earlier recordings are moved by whole seconds, and say so.
+    A prefix (`Arm:imu_2`), ways of writing it (`IMU 2`) and what of it is meant (`imu_2_orientation`) do no harm. Where
+    a body was not seen, the IMU has not measured. A bag knows no time before 0: earlier recordings are moved by whole
+    seconds, and say so.
 
     Parameters
     ----------
@@ -53,7 +55,8 @@ class CapturedImus:
             bodies[int(match[1])] = body
         if not bodies:
             raise Sesa2Error(
-                f'{path}: no body is an IMU, expected names imu_<id>; there are {listed(capture.bodies)}. {EXPECTED}'
+                f'{path}: no body is an IMU, expected names imu_<id>; there are {listed(capture.bodies)}: '
+                f'rename in the file those that are IMUs. {EXPECTED}'
             )
         first = min(float(np.min(capture.bodies[body].times)) for body in bodies.values())
         shift = math.floor(-first) + 1 if first < 0.0 else 0

@@ -1,7 +1,7 @@
 """What sesa2 reads out of recordings: samples of the IMUs, the configuration, and poses."""
 
 from collections import Counter, defaultdict
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import islice
 from pathlib import Path
 from typing import NamedTuple
@@ -16,10 +16,11 @@ from sesa2.bags.topics import Message, RecordedTopic, field_topic, imu_topic, na
 from sesa2.configuration import Configuration
 from sesa2.errors import Sesa2Error
 from sesa2.messages import poses
+from sesa2.messages.field_messages import FIELD_TYPE
 from sesa2.messages.imu_messages import TYPE as IMU
 from sesa2.messages.imu_messages import read_imus
 from sesa2.messages.orientation_intake import OrientationIntake, TakenOrientations
-from sesa2.messages.topic_names import CONFIGURATION, absolute, imu_topics
+from sesa2.messages.topic_names import CONFIGURATION, absolute, imu_fields, imu_topics
 from sesa2.shape.rotations import FloatArray
 from sesa2.time import NS
 
@@ -40,6 +41,14 @@ class Sample(NamedTuple):
     log_ns: int
 
 
+class FieldMessage(NamedTuple):
+    """A sensor_msgs/MagneticField in CDR: of which IMU, and when it was recorded, ns."""
+
+    id: int
+    log_ns: int
+    data: bytes
+
+
 class ImuBlock(NamedTuple):
     """Measurements in the recording's order.
 
@@ -55,6 +64,8 @@ class ImuBlock(NamedTuple):
         the sensor_msgs/Imu that each was read from, in CDR.
     log_ns : (n,)
         when each was recorded, ns.
+    fields
+        what magnetometers beside the IMUs said until then, where the intake wants that.
     """
 
     ids: np.ndarray
@@ -62,6 +73,7 @@ class ImuBlock(NamedTuple):
     orientations: FloatArray
     data: list[bytes]
     log_ns: np.ndarray
+    fields: Sequence[FieldMessage] = ()
 
     def part(self, begin: int, end: int) -> 'ImuBlock':
         """Those from one to before another."""
@@ -83,14 +95,6 @@ class ImuBlock(NamedTuple):
         columns = (self.ids.tolist(), self.stamps_ns.tolist(), self.orientations.tolist(), self.data)
         for id_, stamp_ns, q, data, log_ns in zip(*columns, self.log_ns.tolist(), strict=True):
             yield Sample(id_, stamp_ns, q[0], q[1], q[2], q[3], data, log_ns)
-
-
-class FieldMessage(NamedTuple):
-    """A sensor_msgs/MagneticField in CDR: of which IMU, and when it was recorded, ns."""
-
-    id: int
-    log_ns: int
-    data: bytes
 
 
 class ImuRecording:
@@ -162,11 +166,7 @@ class ImuRecording:
         self.namespace, relative = next(iter(by_namespace.items()), (_namespace(recording), {}))
         self._ids = {**anywhere, **relative}
         self.counts = {id_: recording.topics[name].count for name, id_ in self._ids.items()}
-        self._fields = {
-            name: field.id
-            for name, topic in recording.topics.items()
-            if (field := field_topic(name, topic.type)) and field.namespace == self.namespace
-        }
+        self._fields = self._topics_of_fields(imu_fields(configuration) if given and configuration else {})
         self.unreadable: Counter[int] = Counter()
         self.unknown: list[int] = []
         self.absent: list[int] = []
@@ -188,6 +188,15 @@ class ImuRecording:
                 'imus.enabled'
             )
 
+    def _topics_of_fields(self, given: Mapping[int, str]) -> dict[str, int]:
+        of_type = [name for name, topic in self._recording.topics.items() if topic.type == FIELD_TYPE]
+        found = {name: field.id for name in of_type if (field := named_imu_topic(name, given))}
+        return found or {
+            name: field.id
+            for name in of_type
+            if (field := field_topic(name)) and field.namespace == self.namespace
+        }
+
     @property
     def warnings(self) -> list[str]:
         """What is there too much and too little, for people; complete after reading."""
@@ -201,9 +210,10 @@ class ImuRecording:
     def blocks(self) -> Iterator[ImuBlock]:
         """All measurements, in the recording's order."""
         wants_fields = self._intake is not None and self._intake.wants_fields
+        fields: list[FieldMessage] = []
         messages = self._recording.messages([*self._ids, *(self._fields if wants_fields else ())])
         while part := list(islice(messages, BLOCK)):
-            if wants_fields and not (part := self._without_fields(part)):
+            if wants_fields and not (part := self._without_fields(part, fields)):
                 continue
             ids = np.fromiter((self._ids[message.topic] for message in part), np.int64, len(part))
             log_ns = np.fromiter((message.log_ns for message in part), np.int64, len(part))
@@ -222,7 +232,8 @@ class ImuRecording:
                 continue
             block = block if taken.usable.all() else block.chosen(np.flatnonzero(taken.usable))
             self.stamps.complete(block.ids, block.stamps_ns, block.log_ns, block.data)
-            yield block
+            yield block._replace(fields=fields) if fields else block
+            fields = []
 
     def _with_stamps(
         self, ids: np.ndarray, log_ns: np.ndarray, data: list[bytes]
@@ -245,17 +256,21 @@ class ImuRecording:
         """IMUs with a magnetometer beside them."""
         return sorted(self._fields.values())
 
-    def _without_fields(self, part: list[Message]) -> list[Message]:
+    def _without_fields(self, part: list[Message], fields: list[FieldMessage]) -> list[Message]:
         assert self._intake is not None
         rest = []
         for message in part:
             if message.topic not in self._fields:
                 rest.append(message)
                 continue
+            imu = self._fields[message.topic]
             try:
-                self._intake.take_field(self._fields[message.topic], message.data)
+                data = self.stamps.of_field(message.data, message.log_ns)
+                self._intake.take_field(imu, data)
             except Sesa2Error:
-                self.unreadable[self._fields[message.topic]] += 1
+                self.unreadable[imu] += 1
+            else:
+                fields.append(FieldMessage(imu, message.log_ns, data))
         return rest
 
     def samples(self) -> Iterator[Sample]:

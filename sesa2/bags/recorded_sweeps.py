@@ -9,7 +9,6 @@ import numpy as np
 from sesa2.bags.reading import ImuRecording
 from sesa2.bags.recording import open_recording
 from sesa2.configuration import Configuration
-from sesa2.configuration.kept_accelerometers import keep_accelerometers
 from sesa2.errors import Sesa2Error
 from sesa2.estimation.arrivals import OFFLINE_PATIENCE, lag_in_words
 from sesa2.estimation.estimator import Estimator
@@ -63,9 +62,7 @@ def read_sweeps(
     estimator = Estimator(configuration)
     assembler = estimator.assembler(OFFLINE_PATIENCE)
     indices = configuration.imus.indices
-    intake = OrientationIntake(
-        configuration.imus.fusion, configuration.imus.used_ids, keep_accelerometers(configuration)
-    )
+    intake = OrientationIntake.of(configuration)
     sweeps = []
     with open_recording(source, first_id) as recording:
         imus = ImuRecording(recording, configuration, intake)

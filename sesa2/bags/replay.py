@@ -9,21 +9,22 @@ import numpy as np
 
 from sesa2.alignment.earth_frame import BaseComparison
 from sesa2.bags.definitions import STRING, string_message
-from sesa2.bags.reading import ImuBlock, ImuRecording, Sample
+from sesa2.bags.reading import FieldMessage, ImuBlock, ImuRecording, Sample
 from sesa2.bags.recording import open_recording
 from sesa2.bags.writing import BagWriter, new_bag
 from sesa2.configuration import Configuration, files
-from sesa2.configuration.kept_accelerometers import keep_accelerometers
 from sesa2.errors import Sesa2Error
 from sesa2.estimation.arrivals import OFFLINE_PATIENCE, lag_in_words
 from sesa2.estimation.estimator import Estimator
 from sesa2.estimation.stuck import StuckWatch, stuck_in_words
 from sesa2.estimation.sweeps import NO_BASE, Sweep
 from sesa2.estimation.time_steps import AHEAD_NS
+from sesa2.messages.field_messages import FIELD_TYPE
+from sesa2.messages.header_bytes import read_stamp
 from sesa2.messages.imu_messages import TYPE as IMU_TYPE
 from sesa2.messages.orientation_intake import OrientationIntake, unaligned_headings
 from sesa2.messages.results import ResultMessages
-from sesa2.messages.topic_names import CONFIGURATION, imu_topics
+from sesa2.messages.topic_names import CONFIGURATION, imu_fields, imu_topics
 from sesa2.sensing.lengths import NO_LENGTHS, outside_in_words
 from sesa2.time import NS
 
@@ -170,9 +171,7 @@ def replay(
         configuration = files.parse(files.dump(replace(configuration, models=tuple(models))), '--models')
     with open_recording(source, first_id) as recording:
         source = recording.path
-        intake = OrientationIntake(
-            configuration.imus.fusion, configuration.imus.used_ids, keep_accelerometers(configuration)
-        )
+        intake = OrientationIntake.of(configuration)
         imus = ImuRecording(recording, configuration, intake)
         total = sum(imus.counts.values())
         with new_bag(out) as bag:
@@ -227,6 +226,11 @@ class _Replay:
         )
         topics = imu_topics(configuration)
         self._imus = {id_: self._topic(topics[id_], IMU_TYPE) for id_ in recorded}
+        self._fields = {
+            id_: self._topic(imu_fields(configuration)[id_], FIELD_TYPE)
+            for id_ in (imus.field_ids if configuration.imus.fusion == '9d' else ())
+            if id_ in self._imus
+        }
         self._results = {
             topic: self._topic(*topic)
             for topic in self._messages.topics
@@ -250,6 +254,7 @@ class _Replay:
 
     def add(self, block: ImuBlock) -> None:
         """Take samples, of any IMUs."""
+        self._pend_fields(block.fields)
         indices = np.array([self._indices.get(id_, -1) for id_ in block.ids.tolist()])
         self.summary.samples.update(block.ids[indices >= 0].tolist())
         used = self._used[indices]
@@ -277,6 +282,11 @@ class _Replay:
         if self._imus and block.data:
             topics = [self._imus[id_] for id_ in block.ids.tolist()]
             self._pending.extend(block.stamps_ns.tolist(), topics, block.data)
+
+    def _pend_fields(self, fields: Sequence[FieldMessage]) -> None:
+        for one in fields:
+            if one.id in self._fields:
+                self._pending.extend([read_stamp(one.data)], [self._fields[one.id]], [one.data])
 
     def _add_one(self, index: int, sample: Sample) -> None:
         id_, stamp_ns, x, y, z, w, data, log_ns = sample

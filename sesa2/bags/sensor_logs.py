@@ -1,6 +1,7 @@
 """Logs of one file a sensor, merged and shown as a recording."""
 
 import math
+import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 
@@ -8,7 +9,7 @@ import numpy as np
 
 from sesa2.bags.topics import Message, RecordedTopic
 from sesa2.errors import Sesa2Error
-from sesa2.imu_logs import inertial_columns
+from sesa2.imu_logs import inertial_columns, trajectory_log
 from sesa2.imu_logs.log_formats import log_reader, read_sensor_log
 from sesa2.imu_logs.sensor_log import SensorLog
 from sesa2.messages.field_messages import FIELD_TYPE, FieldMessages
@@ -18,6 +19,7 @@ from sesa2.mocap.export_file import ExportFile
 from sesa2.time import NS
 
 _HEAD = 100_000  # bytes that tell the format
+_CALLED = re.compile(r'(?:.*[^a-z])?imu[_\- ]?(\d+)', re.IGNORECASE)  # a log that says whose it is
 _SINCE_1970 = 1e9  # s; such clocks tell the time of day
 
 
@@ -143,7 +145,7 @@ def open_inertial_columns(path: Path) -> SensorLogs | None:
         it is one, and not whole; or it is the log of one sensor.
     """
     head = _head(path)
-    if reader := log_reader(head):
+    if (reader := log_reader(head)) and reader is not trajectory_log:  # which may be named after its IMU
         raise Sesa2Error(
             f'{path} is the log of one sensor ({reader.KIND}): give the log of each IMU, '
             f'in the order of imus.ids or as ID=FILE'
@@ -201,6 +203,11 @@ def assign_logs(arguments: Sequence[str], ids: Sequence[int]) -> Path | dict[int
                 f'in the order {_ids(ids)}, or name those that there are as ID=FILE'
             )
         given = dict(zip(ids, plain, strict=True))
+        for imu, path in given.items():
+            if (called := _CALLED.fullmatch(path.stem)) and int(called[1]) in ids and int(called[1]) != imu:
+                raise Sesa2Error(
+                    f'{path} comes in the place of IMU {imu} in the order {_ids(ids)}: give all as ID=FILE'
+                )
     twice = [path for path in given.values() if list(given.values()).count(path) > 1]
     if twice:
         raise Sesa2Error(f'{twice[0]}: given for several IMUs')
@@ -208,8 +215,9 @@ def assign_logs(arguments: Sequence[str], ids: Sequence[int]) -> Path | dict[int
 
 
 def listed_files(paths: Collection[Path]) -> str:
-    """Files for a message."""
-    return ', '.join(path.name for path in paths)
+    """Files for a message; with their folders where some have one name."""
+    alike = len({path.name for path in paths}) < len(paths)
+    return ', '.join(f'{path.parent.name}/{path.name}' if alike else path.name for path in paths)
 
 
 def _ids(ids: Sequence[int]) -> str:

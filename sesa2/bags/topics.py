@@ -7,7 +7,6 @@ from typing import NamedTuple, Protocol
 
 from rosbags.interfaces import Qos, QosDurability
 
-from sesa2.messages.field_messages import FIELD_TYPE
 from sesa2.messages.topic_names import is_called
 
 
@@ -72,10 +71,10 @@ def named_imu_topic(name: str, given: Mapping[int, str]) -> ImuTopic | None:
     return None
 
 
-def field_topic(name: str, type_name: str) -> ImuTopic | None:
-    """Namespace and id of the magnetometer beside an IMU, `…/imu_<id>/mag`; None for any other topic."""
+def field_topic(name: str) -> ImuTopic | None:
+    """Namespace and id of the magnetometer beside an IMU, `…/imu_<id>/mag`; None for any other name."""
     match = re.fullmatch(r'(/(?:.*/)?)imu_(\d+)/mag', name)
-    return ImuTopic(match[1], int(match[2])) if match and type_name == FIELD_TYPE else None
+    return ImuTopic(match[1], int(match[2])) if match else None
 
 
 def is_latched(profiles: Iterable[Qos]) -> bool:

@@ -6,7 +6,7 @@ A further one is a module with `KIND`, `matches` and `read`, and a line here.
 from pathlib import Path
 from typing import Protocol
 
-from sesa2.imu_logs import mt_manager, sensor_logger, xio_csv, xsens_dot
+from sesa2.imu_logs import mt_manager, sensor_logger, trajectory_log, xio_csv, xsens_dot
 from sesa2.imu_logs.sensor_log import SensorLog, SensorLogError
 from sesa2.mocap.export_file import ExportFile
 
@@ -24,7 +24,7 @@ class LogReader(Protocol):
 
 
 # MT Manager's is last of Xsens's: a DOT's columns are counted too.
-LOG_READERS: tuple[LogReader, ...] = (sensor_logger, xio_csv, xsens_dot, mt_manager)
+LOG_READERS: tuple[LogReader, ...] = (sensor_logger, xio_csv, xsens_dot, mt_manager, trajectory_log)
 
 
 def log_reader(file: ExportFile) -> LogReader | None:
@@ -40,6 +40,11 @@ def read_sensor_log(path: Path) -> SensorLog:
     Sesa2Error
         it is of no format that is known, or not whole.
     """
+    if path.is_dir():
+        there = ', '.join(sorted(p.name for p in path.iterdir() if p.suffix.lower() in ('.csv', '.txt')))
+        raise SensorLogError(
+            f'{path} is a folder, expected the log of one sensor; in it are: {there or "none"}'
+        )
     file = ExportFile.load(path)
     reader = log_reader(file)
     if reader is None:

@@ -15,6 +15,27 @@ GRAVITY = 9.80665  # m/s² in one g
 DEGREES = float(np.pi / 180.0)
 # Magnetometers that are scaled to the earth's field at the place of their calibration say 1 for about so much.
 EARTH_FIELD = 5e-5  # T
+# Units by what is measured, in SI.
+UNITS_OF: Mapping[str, Mapping[str, float]] = {
+    'gyroscope': {'deg/s': DEGREES, '°/s': DEGREES, 'dps': DEGREES, 'rad/s': 1.0},
+    'accelerometer': {
+        'g': GRAVITY,
+        'mg': 1e-3 * GRAVITY,
+        'm/s^2': 1.0,
+        'm/s²': 1.0,
+        'm/s/s': 1.0,
+        'm/s2': 1.0,
+    },
+    'magnetometer': {
+        'ut': 1e-6,
+        'µt': 1e-6,
+        'μt': 1e-6,
+        'g': 1e-4,
+        'gauss': 1e-4,
+        'a.u.': EARTH_FIELD,
+        't': 1.0,
+    },
+}
 
 
 class SensorLogError(Sesa2Error):
@@ -92,6 +113,7 @@ class LogColumns:
             where=file.name,
             first_line=header_line + 2,
             short_rows=True,
+            width=len(header),
         )
         self.notes = table.notes
         self._column = {name: table.rows[:, columns.index(k)] for name, k in self._at.items()}

@@ -18,7 +18,7 @@ _SHORTEST = 16  # bytes that tell the layout
 N_NUMBERS = 37
 ANGULAR_VELOCITY, ACCELERATION = slice(13, 16), slice(25, 28)
 # Where a covariance begins with −1, what it is of is absent (REP-145).
-NO_ORIENTATION_AT, _NO_ANGULAR_VELOCITY, _NO_ACCELERATION = 4, 16, 28
+NO_ORIENTATION_AT, NO_ANGULAR_VELOCITY_AT, NO_ACCELERATION_AT = 4, 16, 28
 
 
 class ImuSample(NamedTuple):
@@ -72,13 +72,13 @@ class ImuNumbers(NamedTuple):
     @property
     def has_inertial(self) -> np.ndarray:
         """Whether there are angular velocity and acceleration, (n,)."""
-        absent = self.values[:, [_NO_ANGULAR_VELOCITY, _NO_ACCELERATION]] == -1.0
+        absent = self.values[:, [NO_ANGULAR_VELOCITY_AT, NO_ACCELERATION_AT]] == -1.0
         return ~absent.any(axis=1) & self.accelerations.any(axis=1)
 
 
 def is_inertial(values: Sequence[float]) -> bool:
     """Whether the 37 numbers of a message hold an angular velocity and an acceleration."""
-    absent = values[_NO_ANGULAR_VELOCITY] == -1.0 or values[_NO_ACCELERATION] == -1.0
+    absent = values[NO_ANGULAR_VELOCITY_AT] == -1.0 or values[NO_ACCELERATION_AT] == -1.0
     return not absent and any(values[ACCELERATION])
 
 
@@ -204,7 +204,7 @@ class ImuMessages:
         """
         values = self._values(np.asarray(orientation, dtype=float)[None])
         if acceleration is not None:
-            values[0, _NO_ACCELERATION] = 0.0
+            values[0, NO_ACCELERATION_AT] = 0.0
             values[0, ACCELERATION] = acceleration
         return self._template.make(np.array([stamp_ns]), values)[0].tobytes()
 
@@ -237,12 +237,12 @@ class ImuMessages:
         absent = np.broadcast_to([0.0, 0.0, 0.0, 1.0], (len(stamps_ns), 4))
         values = self._values(absent if orientations is None else orientations)
         values[:, NO_ORIENTATION_AT] = -1.0 if orientations is None else 0.0
-        values[:, [_NO_ANGULAR_VELOCITY, _NO_ACCELERATION]] = 0.0
+        values[:, [NO_ANGULAR_VELOCITY_AT, NO_ACCELERATION_AT]] = 0.0
         values[:, ANGULAR_VELOCITY], values[:, ACCELERATION] = angular_velocities, accelerations
         return self._template.make(stamps_ns, values)
 
     def _values(self, orientations: np.ndarray) -> np.ndarray:
         values = np.zeros((len(orientations), N_NUMBERS))
         values[:, :4] = orientations
-        values[:, _NO_ANGULAR_VELOCITY] = values[:, _NO_ACCELERATION] = -1.0
+        values[:, NO_ANGULAR_VELOCITY_AT] = values[:, NO_ACCELERATION_AT] = -1.0
         return values

@@ -6,22 +6,34 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sesa2.configuration import Configuration
+from sesa2.configuration.kept_accelerometers import keep_accelerometers
 from sesa2.messages.field_messages import read_field
 from sesa2.messages.imu_messages import (
     ACCELERATION,
     ANGULAR_VELOCITY,
+    NO_ACCELERATION_AT,
+    NO_ANGULAR_VELOCITY_AT,
     NO_ORIENTATION_AT,
+    ImuNumbers,
     ImuSample,
     is_inertial,
     read_imu_values,
     read_imus,
 )
 from sesa2.sensing.imu.accelerometer_calibration import KeptAccelerometers
+from sesa2.sensing.imu.gravity_check import GravityCheck
 from sesa2.sensing.imu.host_fusion import HostFusion
-from sesa2.shape.rotations import FloatArray
+from sesa2.shape.rotations import FloatArray, tangent
 
 NO_ORIENTATION = 'the driver says that it gives no orientation (orientation_covariance[0] is −1)'
+ALL_ZERO = 'the driver gives an orientation of zeros alone'
 NOTHING_TO_FUSE = 'the driver gives no angular velocity or no acceleration, which imus.fusion needs'
+
+_BLOCKS_LOOKED_AT = 4  # of recordings one of so many blocks is
+_LOOKED_AT = 10  # one of so many samples is looked at for whether it can be
+
+_UPRIGHT = 0.5  # cosine of an arm to the vertical that stands or hangs rather than lies
 
 _AS_THEY_ARE = KeptAccelerometers({})
 
@@ -68,6 +80,8 @@ class OrientationIntake:
         of the IMUs that are used.
     accelerometers
         calibrations that are applied before fusion.
+    base_tells
+        whether the base shows if the earth frame points down, so that nothing else need.
 
     Attributes
     ----------
@@ -80,7 +94,13 @@ class OrientationIntake:
         fusion is wanted, and vqf is not installed.
     """
 
-    def __init__(self, fusion: str, ids: Sequence[int], accelerometers: KeptAccelerometers = _AS_THEY_ARE):
+    def __init__(
+        self,
+        fusion: str,
+        ids: Sequence[int],
+        accelerometers: KeptAccelerometers = _AS_THEY_ARE,
+        base_tells: bool = False,
+    ):
         self._accelerometers = accelerometers
         self.wants_fields = fusion == '9d'
         self._filters = (
@@ -90,6 +110,9 @@ class OrientationIntake:
         self.fuses = fusion != 'none'
         self._own: Counter[tuple[int, str]] = Counter()
         self._has_inertial: set[int] = set()
+        self._gravity = GravityCheck(base_tells)
+        self._taken: Counter[int] = Counter()
+        self._n_blocks = 0
 
     @property
     def refused(self) -> dict[int, Counter[str]]:
@@ -121,6 +144,7 @@ class OrientationIntake:
         """What looks wrong with what is fused, for people."""
         return (
             list(self._accelerometers.problems)
+            + self._gravity.doubts
             + [f'IMU {imu}: {doubt}' for imu, one in sorted(self._filters.items()) for doubt in one.doubts]
             + [
                 f'IMU {imu}: its fusion began anew {one.restarts} times, after pauses or steps of time'
@@ -138,13 +162,20 @@ class OrientationIntake:
         return reason + self._remedy(reason, [imu])
 
     def _remedy(self, reason: str, ids: Sequence[int]) -> str:
-        if reason != NO_ORIENTATION:
+        if reason not in (NO_ORIENTATION, ALL_ZERO):
             return ''
         if self._has_inertial.issuperset(ids):
             return (
                 '; it gives angular velocity and acceleration, which imus.fusion: 6d makes an orientation of'
             )
         return '; without angular velocity and acceleration none can be made of it'
+
+    @classmethod
+    def of(cls, c: Configuration) -> 'OrientationIntake':
+        """As a configuration wants it."""
+        upright = abs(float(tangent(np.array(c.arm.base_orientation))[2])) > _UPRIGHT
+        base_tells = upright or bool(c.imus.base_id)
+        return cls(c.imus.fusion, c.imus.used_ids, keep_accelerometers(c), base_tells)
 
     def take_field(self, imu: int, data: bytes) -> None:
         """Take a sensor_msgs/MagneticField in CDR.
@@ -172,6 +203,12 @@ class OrientationIntake:
             if values[NO_ORIENTATION_AT] == -1.0:
                 reason = NO_ORIENTATION
                 self._note_inertial(imu, values)
+            elif not any(orientation) and is_inertial(values):
+                reason = ALL_ZERO
+                self._has_inertial.add(imu)
+            elif self._taken[imu] % _LOOKED_AT == 0:
+                self._look_at(imu, np.array([values]))
+            self._taken[imu] += 1
         elif not is_inertial(values):
             reason = NOTHING_TO_FUSE
         else:
@@ -206,15 +243,7 @@ class OrientationIntake:
         read = read_imus(data)
         ours = np.isin(ids, self._ids) & read.readable
         if not self.fuses:
-            absent = ~read.has_orientation
-            if not absent.any():
-                return TakenOrientations(read.stamps_ns, read.orientations, read.readable, read.readable)
-            refused = ours & absent
-            self._own.update((i, NO_ORIENTATION) for i in ids[refused].tolist())
-            self._has_inertial.update(ids[refused & read.has_inertial].tolist())
-            return TakenOrientations(
-                read.stamps_ns, read.orientations, read.readable, read.readable & ~absent
-            )
+            return self._as_measured(ids, read, ours)
         # Of IMUs that are not used nobody asks.
         orientations = np.where(np.isin(ids, self._ids)[:, None], np.nan, np.zeros(4))
         self._own.update((i, NOTHING_TO_FUSE) for i in ids[ours & ~read.has_inertial].tolist())
@@ -232,3 +261,28 @@ class OrientationIntake:
             read.readable,
             read.readable & np.isfinite(orientations).all(axis=1),
         )
+
+    def _as_measured(self, ids: np.ndarray, read: ImuNumbers, ours: np.ndarray) -> TakenOrientations:
+        absent = ~read.has_orientation
+        zero = ~read.values[:, :4].any(axis=1)
+        if zero.any():
+            zero &= read.has_inertial & ~absent
+        none = absent | zero
+        self._n_blocks += 1
+        if self._n_blocks % _BLOCKS_LOOKED_AT == 1:
+            some = np.flatnonzero(ours & ~none)
+            for imu in np.unique(ids[some]).tolist():
+                self._look_at(imu, read.values[some[ids[some] == imu][::_LOOKED_AT]])
+        if not none.any():
+            return TakenOrientations(read.stamps_ns, read.orientations, read.readable, read.readable)
+        for refused, reason in ((ours & absent, NO_ORIENTATION), (ours & zero, ALL_ZERO)):
+            self._own.update((i, reason) for i in ids[refused].tolist())
+            self._has_inertial.update(ids[refused & read.has_inertial].tolist())
+        return TakenOrientations(read.stamps_ns, read.orientations, read.readable, read.readable & ~none)
+
+    def _look_at(self, imu: int, values: FloatArray) -> None:
+        """Whether orientation and acceleration agree."""
+        q, w, a = values[:, :4], values[:, ANGULAR_VELOCITY].copy(), values[:, ACCELERATION].copy()
+        w[values[:, NO_ANGULAR_VELOCITY_AT] == -1.0] = np.nan
+        a[values[:, NO_ACCELERATION_AT] == -1.0] = np.nan
+        self._gravity.add(imu, q, w, a)

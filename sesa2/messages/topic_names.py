@@ -41,8 +41,17 @@ def imu_frame(c: Configuration, imu_id: int) -> str:
 
 
 def imu_field(imu_id: int) -> str:
-    """Topic of the magnetic field beside an IMU without orientation, sensor_msgs/MagneticField."""
+    """Topic of the magnetic field beside an IMU, sensor_msgs/MagneticField, where the configuration names no topics."""
     return f'{imu_name(imu_id)}/mag'
+
+
+def imu_fields(c: Configuration) -> dict[int, str]:
+    """Topic of the magnetic field beside each IMU by its id: `mag` beside its own, as drivers have it.
+
+    Where that would be one for several, as `imu_field` says.
+    """
+    beside = {i: '/'.join([*topic.split('/')[:-1], 'mag']) for i, topic in imu_topics(c).items()}
+    return beside if len(set(beside.values())) == len(beside) else {i: imu_field(i) for i in beside}
 
 
 def imu_calibration(imu_id: int) -> str:

@@ -62,6 +62,34 @@ def find_bodies(
     return found
 
 
+def told_apart(names: Sequence[str]) -> list[str]:
+    """Names of which those that were there before get a number behind: M1, M2, `M1 (2)`."""
+    return [numbered(name, names[:k].count(name)) for k, name in enumerate(names)]
+
+
+def numbered(name: str, before: int) -> str:
+    """A name that so many had before."""
+    return f'{name} ({before + 1})' if before else name
+
+
+def place_column(bodies: dict[str, dict[str, int]], name: str, part: str, column: int) -> None:
+    """Give a column to the first body of a name that lacks this component; where none does, to a further one."""
+    before = 0
+    while part in bodies.setdefault(numbered(name, before), {}):
+        before += 1
+    bodies[numbered(name, before)][part] = column
+
+
+def about_namesakes(names: Collection[str], where: str) -> list[str]:
+    """What has to be said where several bodies had one name, for people."""
+    first = [name.removesuffix(' (2)') for name in names if name.endswith(' (2)')]
+    return [
+        f'{where}: several bodies are called {name}; the first was taken, the next is {name} (2)'
+        for name in first
+        if name in names
+    ]
+
+
 def listed(names: Collection[str]) -> str:
     """Names for a message."""
     more = f' and {len(names) - _MOST} more' if len(names) > _MOST else ''

@@ -5,6 +5,7 @@ Source: c3d.org, "The C3D file format"; the parameter block's byte 2 is 0x50 in 
 
 import numpy as np
 
+from sesa2.mocap.body_names import about_namesakes, told_apart
 from sesa2.mocap.capture import MocapError, MotionCapture, TrackedBody, metres_in
 from sesa2.mocap.export_file import ExportFile
 from sesa2.shape.rotations import from_matrix
@@ -46,12 +47,10 @@ def read(file: ExportFile) -> MotionCapture:
     metre = metres_in((point.get('UNITS', {}).get('value') or ['mm'])[0] or 'mm', file.name)
     times = (int(c3d['header']['points']['first_frame']) + np.arange(points.shape[2])) / rate
     positions = metre * points[:3]
-    bodies = {
-        label or f'marker {k + 1}': TrackedBody(times, positions[:, k].T)
-        for k, label in enumerate(labels[: points.shape[1]])
-    }
+    names = told_apart([label or f'marker {k + 1}' for k, label in enumerate(labels[: points.shape[1]])])
+    bodies = {name: TrackedBody(times, positions[:, k].T) for k, name in enumerate(names)}
     bodies |= _rotations(c3d, metre)
-    return MotionCapture(KIND, bodies)
+    return MotionCapture(KIND, bodies, notes=tuple(about_namesakes(names, file.name)))
 
 
 def _rotations(c3d: dict, metre: float) -> dict[str, TrackedBody]:

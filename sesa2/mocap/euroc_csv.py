@@ -17,7 +17,7 @@ KIND = 'EuRoC CSV'
 
 def matches(file: ExportFile) -> bool:
     """Whether its first line is EuRoC's."""
-    return bool(re.match(r'#\s*time', file.head[0])) and 'p_' in file.head[0]
+    return bool(re.match(r'#\s*time', file.head[0])) and bool(re.search(r'[ ,]p_(\w*_)?x\b', file.head[0]))
 
 
 def read(file: ExportFile) -> MotionCapture:

@@ -7,6 +7,7 @@ Source: docs.optitrack.com, "Data Export: CSV".
 
 import numpy as np
 
+from sesa2.mocap.body_names import about_namesakes, place_column
 from sesa2.mocap.capture import MocapError, MotionCapture, TrackedBody, metres_in
 from sesa2.mocap.export_file import ExportFile, delimiter_of
 from sesa2.mocap.number_table import read_numbers
@@ -46,11 +47,12 @@ def read(file: ExportFile) -> MotionCapture:
         types, names = header['Type'], header['Name']
     except KeyError as lacking:
         raise MocapError(f'{file.name}: {KIND} without the line {lacking} in its header') from None
-    wanted: dict[tuple[str, str], dict[str, int]] = {}
+    by_type: dict[str, dict[str, dict[str, int]]] = {}
     for column in range(2, min(len(names), len(types), len(quantities), len(axes))):
         if quantities[column] in ('Position', 'Rotation') and axes[column] and names[column]:
-            cells = wanted.setdefault((types[column], names[column]), {})
-            cells.setdefault(quantities[column] + axes[column].upper(), column)
+            part = quantities[column] + axes[column].upper()
+            place_column(by_type.setdefault(types[column], {}), names[column], part, column)
+    wanted = {(kind, name): cells for kind, own in by_type.items() for name, cells in own.items()}
 
     for (_, name), cells in wanted.items():
         for quantity in ('Position', 'Rotation'):
@@ -78,6 +80,7 @@ def read(file: ExportFile) -> MotionCapture:
         where=file.name,
         first_line=last + 2,
         short_rows=True,
+        width=len(axes),
     )
     of = dict(zip(columns, table.rows.T, strict=True))
     times = of[1]
@@ -97,7 +100,8 @@ def read(file: ExportFile) -> MotionCapture:
             else None,
         )
         bodies.setdefault(name, body)
-    return MotionCapture(KIND, bodies, notes=(*notes, *table.notes), axes=f'{file.name}: {_AXES}')
+    notes += [*table.notes, *about_namesakes(bodies, file.name)]
+    return MotionCapture(KIND, bodies, notes=tuple(notes), axes=f'{file.name}: {_AXES}')
 
 
 def _stacked(parts: dict[str, FloatArray], *names: str) -> FloatArray:

@@ -1,36 +1,91 @@
 """A CSV whose columns say what they hold: time_s, then NAME_x, NAME_y, NAME_z of each marker.
 
-A column of time is `time_s` (or `time`, `timestamp`, `t`), or says its unit: `time_ms`, `time_us`, `time_ns`; or it is
-`frame`, with the rate of the frames given. Between a name and its axis may stand `_`, `.`, `-` or a blank; a unit may
-follow, as in `M1_x [mm]`. A body with NAME_qx, NAME_qy, NAME_qz, NAME_qw, or with NAME_x, _y, _z and _w, has an
-orientation (the latter no position). Other columns are ignored.
+Comments after # may stand above, and the columns in the last of them, as numpy's savetxt writes them; below them may
+stand a line of units. Between the cells are commas, semicolons, tabs or blanks.
+A column of time is `time_s` (or `time`, `timestamp`, `t`, `Zeit` and the like), or says its unit: `time_ms`, `time_us`,
+`time_ns`; or it is `frame`, with the rate of the frames given. Between a name and its axis may stand `_`, `.`, `-`, `:`
+or a blank; a unit may follow, as in `M1_x [mm]`. A body with NAME_qx, NAME_qy, NAME_qz, NAME_qw, or with NAME_x, _y, _z
+and _w, has an orientation (the latter no position). Other columns are told as not used; angles are none that could be,
+since nothing says in which order and about which axes they turn.
 """
 
 import difflib
 import re
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
-from sesa2.mocap.capture import LENGTH_UNITS, MocapError, MotionCapture, TrackedBody
+from sesa2.mocap.body_names import listed
+from sesa2.mocap.capture import LENGTH_UNITS, MocapError, MotionCapture, TrackedBody, metres_in
 from sesa2.mocap.export_file import ExportFile, delimiter_of
 from sesa2.mocap.number_table import NumberTable, read_numbers
-from sesa2.mocap.time_units import TIME_UNITS, in_seconds
+from sesa2.mocap.time_units import TIME_COLUMN, TIME_UNITS, in_seconds
 
 KIND = 'CSV with named columns'
 EXPECTED = (
     'A CSV must have the columns time_s (s) and NAME_x, NAME_y, NAME_z (m) of each marker; '
     'of each IMU imu_<id>_x, _y, _z, _w (a quaternion)'
 )
-_TIME = re.compile(
-    r'(?:time|timestamp|t)(?:\s*[_ (\[]\s*(s|sec|seconds|ms|us|µs|ns)\s*[)\]]?)?', re.IGNORECASE
+_COMPONENT = re.compile(r'(.+?)[_.\-: ](q?)([xyzwXYZW])\s*(?:[_ ]?[(\[]?\s*(mm|cm|m|in|ft)\s*[)\]]?)?')
+_ANGLE = re.compile(r'.*(?:roll|pitch|yaw|euler|heading).*', re.IGNORECASE)
+_ANGLES = (
+    'roll, pitch and yaw are not read, since nothing says in which order and about which axes they turn: expected '
+    "quaternions, which scipy's Rotation.from_euler makes of them"
 )
-_COMPONENT = re.compile(r'(.+?)[_.\- ](q?)([xyzwXYZW])\s*(?:[_ ]?[(\[]?\s*(mm|cm|m|in|ft)\s*[)\]]?)?')
+_COUNTS = ('frame', 'frame#', 'index', 'sample', '')
+
+
+class ColumnHeader(NamedTuple):
+    """Where columns are named.
+
+    Attributes
+    ----------
+    line
+        from 0.
+    cells
+        the names.
+    delimiter
+        between them, and between the numbers.
+    """
+
+    line: int
+    cells: list[str]
+    delimiter: str
+
+
+def find_header(file: ExportFile) -> ColumnHeader:
+    """The first line that is no comment; where that has numbers alone, the comment above it."""
+    line = 0
+    while line < len(file.head) - 1 and file.head[line].lstrip()[:1] in ('', '#'):
+        line += 1
+    found = _split(file, line)
+    if line and all(_is_number(cell) for cell in found.cells):
+        above = _split(file, line - 1)
+        return above._replace(delimiter=found.delimiter) if len(above.cells) == len(found.cells) else found
+    return found
+
+
+def _split(file: ExportFile, line: int) -> ColumnHeader:
+    text = file.head[line]
+    delimiter = delimiter_of(text)
+    if delimiter not in text:
+        return ColumnHeader(line, text.lstrip('# ').split(), ' ')
+    cells = file.cells(line, delimiter)
+    return ColumnHeader(line, [cells[0].lstrip('# '), *cells[1:]], delimiter)
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        return cell == '' or bool(float(cell.replace(',', '.')) + 1)
+    except ValueError:
+        return False
 
 
 def matches(file: ExportFile) -> bool:
-    """Whether its first line has a time, or a component of anything."""
-    cells = file.cells(0, delimiter_of(file.head[0]))
-    return any(_TIME.fullmatch(cell) for cell in cells) or any(_COMPONENT.fullmatch(cell) for cell in cells)
+    """Whether its columns are named, and one is a time or a component of anything."""
+    cells = find_header(file).cells
+    return any(TIME_COLUMN.fullmatch(cell) or _COMPONENT.fullmatch(cell) for cell in cells)
 
 
 def read(file: ExportFile, rate: float | None = None) -> MotionCapture:
@@ -48,14 +103,23 @@ def read(file: ExportFile, rate: float | None = None) -> MotionCapture:
     MocapError
         a column is missing or there twice, a field is not a number (with its line).
     """
-    delimiter = delimiter_of(file.head[0])
-    header = file.cells(0, delimiter)
+    line, header, delimiter = find_header(file)
+    below = _units_below(file, line + 1, delimiter, len(header))
     time, scale = _time_column(file, header, rate)
+    if below and scale is None:
+        scale = TIME_UNITS.get(below[time])
     bodies = _bodies(file, header)
     columns = [time, *(c for parts in bodies.values() for c in parts.values())]
-    names = [header[c] for c in columns]
+    line += 2 if below else 1
     table = read_numbers(
-        file.data, file.after(1), columns, delimiter=delimiter, names=names, where=file.name, first_line=2
+        file.data,
+        file.after(line),
+        columns,
+        delimiter=delimiter,
+        names=[header[c] for c in columns],
+        where=file.name,
+        first_line=line + 1,
+        width=len(header),
     )
     times, notes = _times(file, header[time], scale, table)
     of = dict(zip(columns, table.rows.T, strict=True))
@@ -65,15 +129,49 @@ def read(file: ExportFile, rate: float | None = None) -> MotionCapture:
                      for axes in (('x', 'y', 'z', 'w'), ('qx', 'qy', 'qz', 'qw')))  # fmt: skip
         if 'w' in parts:
             xyz, xyzw = None, xyz
-        unit = _COMPONENT.fullmatch(header[parts.get('x', next(iter(parts.values())))])
-        metre = LENGTH_UNITS[unit[4] or 'm'] if unit else 1.0
-        tracked[name] = TrackedBody(times, None if xyz is None else metre * xyz, xyzw)
-    return MotionCapture(KIND, tracked, notes=(*table.notes, *notes))
+        if xyz is not None:
+            xyz = xyz * _metres_of(file, name, [parts[axis] for axis in 'xyz'], header, below)
+        tracked[name] = TrackedBody(times, xyz, xyzw)
+    rest = [
+        cell
+        for column, cell in enumerate(header)
+        if column not in columns and cell.lower() not in _COUNTS and not TIME_COLUMN.fullmatch(cell)
+    ]
+    return MotionCapture(KIND, tracked, notes=(*table.notes, *notes, *unused_columns(file.name, rest)))
+
+
+def _units_below(file: ExportFile, line: int, delimiter: str, n: int) -> list[str]:
+    """The units in a line below the names, one a column; none where it is no such line."""
+    if line >= len(file.head):
+        return []
+    text = file.head[line]
+    cells = text.split() if delimiter == ' ' else file.cells(line, delimiter)
+    units = [cell.strip('[]() ').lower() for cell in cells]
+    known = {*LENGTH_UNITS, *TIME_UNITS, '', '-'}
+    return units if len(units) == n and any(units) and known.issuperset(units) else []
+
+
+def _metres_of(file: ExportFile, name: str, columns: list[int], header: list[str], below: list[str]) -> float:
+    units = set()
+    for column in columns:
+        match = _COMPONENT.fullmatch(header[column])
+        units.add((match and match[4]) or (below[column] if below else '') or 'm')
+    if len(units) > 1:
+        raise MocapError(f'{file.name}: {name} is in {" and in ".join(sorted(units))}, expected one unit')
+    return metres_in(units.pop(), file.name)
+
+
+def unused_columns(where: str, names: Sequence[str]) -> tuple[str, ...]:
+    """What has to be said of the columns that are not read, where there are some."""
+    if not names:
+        return ()
+    angles = f'; {_ANGLES}' if any(map(_ANGLE.fullmatch, names)) else ''
+    return (f'{where}: columns not used: {listed(names)}{angles}',)
 
 
 def _time_column(file: ExportFile, header: list[str], rate: float | None) -> tuple[int, float | None]:
     """The column of time, and its unit, s; None where that has to be seen in the numbers."""
-    found = {i: match for i, cell in enumerate(header) if (match := _TIME.fullmatch(cell))}
+    found = {i: match for i, cell in enumerate(header) if (match := TIME_COLUMN.fullmatch(cell))}
     frames = [i for i, cell in enumerate(header) if cell.lower().rstrip('#') == 'frame']
     if rate is not None:
         column = next(iter([*frames, *found]), None)
@@ -95,7 +193,7 @@ def _bodies(file: ExportFile, header: list[str]) -> dict[str, dict[str, int]]:
     bodies: dict[str, dict[str, int]] = {}
     for column, cell in enumerate(header):
         match = _COMPONENT.fullmatch(cell)
-        if match and not _TIME.fullmatch(cell):
+        if match and not TIME_COLUMN.fullmatch(cell):
             part = f'{match[2]}{match[3].lower()}'
             if part in bodies.setdefault(match[1], {}):
                 raise MocapError(f'{file.name}: {header.count(cell)} columns are called {cell}')
@@ -112,7 +210,10 @@ def _bodies(file: ExportFile, header: list[str]) -> dict[str, dict[str, int]]:
                 )
     if not bodies:
         there = ', '.join(header)
-        raise MocapError(f"{file.name}: none of its columns is a marker's or an IMU's: {there}. {EXPECTED}")
+        angles = f'{_ANGLES}. ' if any(map(_ANGLE.fullmatch, header)) else ''
+        raise MocapError(
+            f"{file.name}: none of its columns is a marker's or an IMU's: {there}. {angles}{EXPECTED}"
+        )
     return bodies
 
 

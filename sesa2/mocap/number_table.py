@@ -5,6 +5,7 @@ is plain decimals: without their points they are integers, which numpy reads at 
 says by which power of ten to divide. What is not like that is read line by line, and errors are found there.
 """
 
+import csv
 import math
 import warnings
 from collections.abc import Sequence
@@ -18,7 +19,7 @@ from sesa2.shape.rotations import FloatArray
 _NOT_SEEN = {'', 'nan', 'na', 'n/a', 'null', 'none', '-', '.'}
 _GAP = b'-9223372036854775807'
 _LARGEST = 9_200_000_000_000_000_000  # beyond it, digits were lost
-_POWERS = 10.0 ** np.arange(20)
+_POWERS = 10.0 ** np.arange(23)  # as far as they are exact
 _BLOCK = 500_000  # bytes at once: all that is made of them stays in the cache
 
 
@@ -51,10 +52,11 @@ def read_numbers(
     where: str,
     first_line: int,
     short_rows: bool = False,
+    width: int | None = None,
 ) -> NumberTable:
     """Read columns of numbers.
 
-    A decimal comma is understood where cells are not separated by commas.
+    A decimal comma is understood where cells are not separated by commas, or stand in quotes.
 
     Parameters
     ----------
@@ -77,6 +79,8 @@ def read_numbers(
     short_rows
         a row may lack cells at its end: they are empty. Otherwise that is an error, but in the last line of a file cut
         short.
+    width
+        how many cells the header has, where more below are refused: decimal commas between commas.
 
     Raises
     ------
@@ -88,6 +92,8 @@ def read_numbers(
     lines: list[np.ndarray] = []
     notes: list[str] = []
     end = len(data) if end is None else end
+    if width is not None and delimiter == ',':
+        _check_width(data[begin : data.find(b'\n', begin, end) + 1 or end], width, f'{where}, line {line}')
     while begin < end:
         block_end = data.find(b'\n', begin + _BLOCK, end) + 1 or end
         block = data[begin:block_end]
@@ -105,6 +111,22 @@ def read_numbers(
     if not sum(map(len, rows)):
         raise MocapError(f'{where} has no samples below its header')
     return NumberTable(np.concatenate(rows), np.concatenate(lines), tuple(notes))
+
+
+def _check_width(line: bytes, width: int, where: str) -> None:
+    cells = _cells(line.decode('latin-1').rstrip(), ',')
+    if any(cell.strip() for cell in cells[width:]):
+        raise MocapError(
+            f'{where}: {len(cells)} cells below {width} names: decimal commas between commas? '
+            'Expected decimal points, or semicolons between the cells'
+        )
+
+
+def _cells(line: str, delimiter: str | None) -> list[str]:
+    """A line's cells; one in quotes may hold the delimiter, which then is a decimal comma."""
+    if '"' not in line or delimiter is None:
+        return line.replace('"', '').split(delimiter)
+    return [cell.replace(',', '.') for cell in next(csv.reader([line], delimiter=delimiter))]
 
 
 def _plain_decimals(block: bytes, columns: list[int], delimiter: str) -> FloatArray | None:
@@ -156,9 +178,9 @@ def _plain_decimals(block: bytes, columns: list[int], delimiter: str) -> FloatAr
     if gaps:
         empty = empty.reshape(n_rows, width)[:, columns]
         values[empty] = 0
-    if values.max() > _LARGEST or values.min() < -_LARGEST:
+    if values.max() > _LARGEST or values.min() < -_LARGEST or decimals.max() >= len(_POWERS):
         return None
-    rows = values / _POWERS[np.minimum(decimals, len(_POWERS) - 1)]
+    rows = values / _POWERS[decimals]
     if gaps:
         rows[empty] = np.nan
     return rows
@@ -245,7 +267,7 @@ def _any_numbers(
             continue
         if short:
             break
-        cells = line.replace('"', '').split(blank)
+        cells = _cells(line, blank)
         if len(cells) < needed:
             if not short_rows:
                 short = number  # forgiven if it is the last one: a file cut short

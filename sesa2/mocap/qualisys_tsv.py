@@ -9,6 +9,7 @@ Source: Qualisys, "QTM user manual", TSV file formats.
 
 import numpy as np
 
+from sesa2.mocap.body_names import about_namesakes, told_apart
 from sesa2.mocap.capture import MocapError, MotionCapture, TrackedBody
 from sesa2.mocap.export_file import ExportFile
 from sesa2.mocap.number_table import read_numbers
@@ -39,7 +40,7 @@ def read(file: ExportFile) -> MotionCapture:
         if not key or not key.replace('_', '').isalpha() or not key.isupper():
             break
         keys.setdefault(key, [v for v in values if v])
-    names = keys.get('BODY_NAMES') or keys.get('MARKER_NAMES') or []
+    names = told_apart(keys.get('BODY_NAMES') or keys.get('MARKER_NAMES') or [])
     each = _COLUMNS_6D if 'BODY_NAMES' in keys else _COLUMNS_3D
     try:
         rate = float(keys['FREQUENCY'][0].replace(',', '.'))
@@ -73,7 +74,7 @@ def read(file: ExportFile) -> MotionCapture:
     for k, name in enumerate(names):
         own = table.rows[:, before + each * k : before + each * (k + 1)]
         bodies[name] = _marker(times, own) if each == _COLUMNS_3D else _body(times, own)
-    return MotionCapture(KIND, bodies, notes=table.notes)
+    return MotionCapture(KIND, bodies, notes=(*table.notes, *about_namesakes(names, file.name)))
 
 
 def _marker(times: FloatArray, own: FloatArray) -> TrackedBody:

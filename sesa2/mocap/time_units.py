@@ -1,5 +1,6 @@
 """The unit of a column of times that does not say it, or says it wrongly."""
 
+import re
 from typing import NamedTuple
 
 import numpy as np
@@ -7,6 +8,11 @@ import numpy as np
 from sesa2.mocap.capture import MocapError
 from sesa2.shape.rotations import FloatArray
 
+# How a column of time is called, and its unit.
+TIME_COLUMN = re.compile(
+    r'(?:time|timestamp|t|zeit|temps|tiempo|tempo)(?:\s*[_ (\[]\s*(s|sec|seconds|ms|us|µs|ns)\s*[)\]]?)?',
+    re.IGNORECASE,
+)
 TIME_UNITS = {'s': 1.0, 'ms': 1e-3, 'us': 1e-6, 'µs': 1e-6, 'ns': 1e-9}  # seconds in one
 _NAMES = {1e-3: 'milliseconds', 1e-6: 'microseconds', 1e-9: 'nanoseconds'}
 # Orientations and positions of an arm are taken 2 to 2000 times a second. That is a factor of 1000, as between units.

@@ -9,6 +9,7 @@ import re
 
 import numpy as np
 
+from sesa2.mocap.body_names import about_namesakes, place_column
 from sesa2.mocap.capture import LENGTH_UNITS, MocapError, MotionCapture, TrackedBody
 from sesa2.mocap.export_file import ExportFile, delimiter_of
 from sesa2.mocap.number_table import read_numbers
@@ -85,7 +86,7 @@ def _section(file: ExportFile, begin: int, end: int, notes: list[str]) -> dict[s
         subject, colon, segment = name.partition(':')
         name = subject if colon and subject == segment else name
         axis = axes[column].upper()
-        wanted.setdefault(name, {}).setdefault(axis if len(axis) > 1 else f'T{axis}', column)
+        place_column(wanted, name, axis if len(axis) > 1 else f'T{axis}', column)
     wanted = {
         name: cells for name, cells in wanted.items() if {'TX', 'TY', 'TZ'} <= set(cells) or 'RW' in cells
     }
@@ -112,6 +113,7 @@ def _section(file: ExportFile, begin: int, end: int, notes: list[str]) -> dict[s
         where=file.name,
         first_line=first_line + _HEADER,
         short_rows=True,
+        width=len(axes),
     )
     of_column = dict(zip(columns, table.rows.T, strict=True))
     times = (of_column[0] - 1.0) / rate
@@ -130,7 +132,7 @@ def _section(file: ExportFile, begin: int, end: int, notes: list[str]) -> dict[s
             if note not in notes:
                 notes.append(note)
         bodies[name] = TrackedBody(times, position, orientation)
-    notes.extend(table.notes)
+    notes.extend([*table.notes, *about_namesakes(bodies, file.name)])
     return bodies
 
 

@@ -195,7 +195,10 @@ class CalibrationNode(ConfinedNode):
             kept = imu in self.saved or imu in self.calibrated
             saved = 'saved' if kept else 'not saved'
             step = self.steps.get(imu, 'nothing heard')
-            parts.append((imu_name(imu), OK if kept else WARN, f'{step}; {saved}', {'saved': saved}))
+            values = {'saved': saved}
+            if self._fusion == 'RAW':
+                values['poses'] = str(len(self._guides[imu].poses))
+            parts.append((imu_name(imu), OK if kept else WARN, f'{step}; {saved}', values))
         if self._failure:
             parts.append((str(self._file), ERROR, self._failure, {}))
         return parts

@@ -19,7 +19,6 @@ from visualization_msgs.msg import MarkerArray
 from sesa2.alignment.earth_frame import BaseComparison
 from sesa2.alignment.straight_pose import Alignment, align_straight
 from sesa2.configuration import Configuration, files
-from sesa2.configuration.kept_accelerometers import keep_accelerometers
 from sesa2.errors import Sesa2Error
 from sesa2.estimation.arrivals import lag_in_words
 from sesa2.estimation.estimator import Estimate, Estimator
@@ -29,11 +28,11 @@ from sesa2.messages.header_bytes import read_stamp, with_stamp
 from sesa2.messages.orientation_intake import OrientationIntake, unaligned_headings
 from sesa2.messages.results import TYPES, ResultMessages
 from sesa2.messages.robot import describe_robot
-from sesa2.messages.topic_names import CONFIGURATION, imu_field, imu_name, imu_topics, of_model
+from sesa2.messages.topic_names import CONFIGURATION, imu_fields, imu_name, imu_topics, of_model
 from sesa2.ros.confined_node import ConfinedNode
 from sesa2.ros.diagnostics import ERROR, OK, WARN, Diagnostics, Part
 from sesa2.ros.parameters import declare_configuration, origin_of
-from sesa2.ros.qos import ANY_STREAM, LATCHED, STREAM
+from sesa2.ros.qos import ANY_STREAM, LATCHED, STREAM, telling_why_unheard
 from sesa2.ros.spinning import run_alone
 from sesa2.ros.unheard_imus import PATIENCE_S, why_unheard
 from sesa2.sensing.lengths import NO_LENGTHS, outside_in_words
@@ -45,6 +44,9 @@ _POSE_NS = 3 * NS
 # How often the clock is looked at for sweeps that need not wait any longer.
 _LOOK_EVERY_NS = NS // 20
 _EVERY_TENTH = 10  # of the sweeps tells as well how the arm stands
+
+# Stamps that go on by so many times more or less than time does are in another unit, if there are enough of them.
+_FACTOR, _ENOUGH = 20.0, 20
 
 # What an alignment changes.
 _ALIGNED = ('imus.mount_orientations', 'imus.headings')
@@ -86,10 +88,7 @@ class EstimatorNode(ConfinedNode):
         self._saved = ''  # as written last
         self._estimator = Estimator(self.configuration)
         self.assembler = self._estimator.assembler()
-        used_ids = self.configuration.imus.used_ids
-        self.intake = OrientationIntake(
-            self.configuration.imus.fusion, used_ids, keep_accelerometers(self.configuration)
-        )
+        self.intake = OrientationIntake.of(self.configuration)
         self.latest: Estimate | None = None
         self.aligned: Configuration | None = None
         self.n_sweeps = 0
@@ -113,17 +112,25 @@ class EstimatorNode(ConfinedNode):
         # Our own bridge and player are reliable; with other people's drivers anything that can be heard will do.
         qos = ANY_STREAM if self.configuration.run.source == 'external' else STREAM
         self._subscriptions_of_imus = [
-            self.create_subscription(Imu, self._imu_topics[i], self._take(index), qos, raw=True)
+            self.create_subscription(
+                Imu,
+                self._imu_topics[i],
+                self._take(index),
+                qos,
+                event_callbacks=telling_why_unheard(self, self._imu_topics[i]),
+                raw=True,
+            )
             for index, i in enumerate(self._ids)
             if i in imus.used_ids
         ]
         if self.intake.wants_fields:
             self._subscriptions_of_imus += [
-                self.create_subscription(
-                    MagneticField, imu_field(i), partial(self._take_field, i), qos, raw=True
-                )
-                for i in imus.used_ids
+                self.create_subscription(MagneticField, topic, partial(self._take_field, i), qos, raw=True)
+                for i, topic in imu_fields(self.configuration).items()
+                if i in imus.used_ids
             ]
+        self._newest_ns: dict[int, int] = {}  # stamp of each IMU, and as it was at the last report
+        self._reported_ns: dict[int, int] = {}
         self._last_refused = Counter[int]()
         self._told_refused: set[int] = set()
         self.received = Counter[int]()
@@ -166,6 +173,7 @@ class EstimatorNode(ConfinedNode):
                 return
             if sample is None:
                 return
+            self._newest_ns[imu] = sample[0]
             for sweep in add(index, *sample, arrival_ns):
                 self._publish(sweep)
 
@@ -193,6 +201,8 @@ class EstimatorNode(ConfinedNode):
 
     def _take_field(self, imu: int, data: bytes) -> None:
         try:
+            if self.configuration.imus.stamps == 'arrival' or not read_stamp(data):
+                data = with_stamp(data, int(self.get_clock().now().nanoseconds))
             self.intake.take_field(imu, data)
         except Sesa2Error:
             self._unreadable += 1
@@ -331,6 +341,18 @@ class EstimatorNode(ConfinedNode):
         spans = stuck_spans(stamps, orientations, np.stack([s.measured for s in self._recent]))
         return {i: own[-1][1] - own[-1][0] for i, own in enumerate(spans) if own and own[-1][1] == stamps[-1]}
 
+    def _stamps_astray(self, imu: int, elapsed: float) -> str:
+        """What is to be said of a driver's stamps that do not go as time does, since the last report."""
+        if self.configuration.run.source != 'external' or imu not in self._reported_ns:
+            return ''
+        advanced = (self._newest_ns[imu] - self._reported_ns[imu]) / NS
+        if elapsed / _FACTOR < advanced < elapsed * _FACTOR:
+            return ''
+        return (
+            f'its stamps went on by {advanced:.2g} s in {elapsed:.2g} s: in another unit? imus.stamps: arrival takes '
+            'the time of arrival'
+        )
+
     def _report(self) -> list[Part]:
         now, before = time.monotonic(), self._last_report
         elapsed = now - before[0]
@@ -361,6 +383,8 @@ class EstimatorNode(ConfinedNode):
                 level, text = WARN, stuck_in_words(stuck[index])
             if self.unstamped[imu]:
                 level, text = max(level, WARN), f'{text}; {_NO_STAMP}'
+            if rate * elapsed >= _ENOUGH and (astray := self._stamps_astray(imu, elapsed)):
+                level, text = max(level, WARN), f'{text}; {astray}'
             n_refused = sum(refused.get(imu, Counter()).values())
             if n_refused - self._last_refused[imu] > (self.received[imu] - before[1][imu]) // 2:
                 level, text = max(level, WARN), f'{rate:.1f} Hz, of no use: {self.intake.why(imu)}'
@@ -371,6 +395,7 @@ class EstimatorNode(ConfinedNode):
             if index in lags:
                 level, text = max(level, WARN), f'{text}; {lag_in_words(lags[index])}'
             parts.append((imu_name(imu), level, text, {'rate_hz': f'{rate:.1f}', 'publishers': publishers}))
+        self._reported_ns = dict(self._newest_ns)
         sweeps = (self.n_sweeps - before[2]) / elapsed
         dropped = {f'dropped: {reason}': n for reason, n in self.assembler.dropped.items()}
         for reasons in refused.values():
@@ -395,7 +420,7 @@ class EstimatorNode(ConfinedNode):
         parts.append(('sweeps', level, text, counts))
         imus = self.configuration.imus
         if doubts := [*unaligned_headings(imus.fusion, imus.headings), *self.intake.doubts]:
-            parts.append(('fusion', WARN, '; '.join(doubts), {}))
+            parts.append(('fusion' if self.intake.fuses else 'orientations', WARN, '; '.join(doubts), {}))
         for name, n in self._near_singular.items():
             if n:
                 text = f'{n} sweeps with a joint beyond 80° about z: joint angles are near their singularity'

@@ -13,7 +13,7 @@ from sesa2.bags.recording import open_recording
 from sesa2.configuration import ConfigurationError, Mistake
 from sesa2.errors import Sesa2Error
 from sesa2.estimation.time_steps import BACK_NS
-from sesa2.messages.topic_names import CLOCK, imu_data, imu_field, imu_topics
+from sesa2.messages.topic_names import CLOCK, imu_data, imu_field, imu_fields, imu_topics
 from sesa2.ros.confined_node import ConfinedNode
 from sesa2.ros.diagnostics import OK, Diagnostics, Part
 from sesa2.ros.parameters import declare_configuration
@@ -50,8 +50,10 @@ class Player(ConfinedNode):
         self._publishers_of_imus = {
             i: self.create_publisher(Imu, topics.get(i) or imu_data(i), STREAM) for i in self._imus.counts
         }
+        fields = imu_fields(self.configuration)
         self._publishers_of_fields = {
-            i: self.create_publisher(MagneticField, imu_field(i), STREAM) for i in self._imus.field_ids
+            i: self.create_publisher(MagneticField, fields.get(i) or imu_field(i), STREAM)
+            for i in self._imus.field_ids
         }
         imus = self.configuration.imus
         listened_to = [
@@ -118,7 +120,8 @@ class Player(ConfinedNode):
         """Magnetic fields beside the IMUs, read apart from these."""
         if self._imus.field_ids:
             with open_recording(self._run.bag) as recording:
-                yield from ImuRecording(recording).fields()
+                for message in ImuRecording(recording, self.configuration).fields():
+                    yield message._replace(data=self._imus.stamps.of_field(message.data, message.log_ns))
 
     def _paced(self) -> Iterator[tuple[Sample, float]]:
         """Each sample after the start, and how long to wait before it, s."""

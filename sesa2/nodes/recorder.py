@@ -18,7 +18,7 @@ from sesa2.errors import Sesa2Error
 from sesa2.messages.field_messages import FIELD_TYPE
 from sesa2.messages.imu_messages import without_acceleration
 from sesa2.messages.results import TYPES
-from sesa2.messages.topic_names import CONFIGURATION, imu_calibration, imu_field, imu_topics, of_model
+from sesa2.messages.topic_names import CONFIGURATION, imu_calibration, imu_fields, imu_topics, of_model
 from sesa2.ros.confined_node import ConfinedNode
 from sesa2.ros.diagnostics import ERROR, OK, WARN, Diagnostics, Part
 from sesa2.ros.parameters import declare_configuration
@@ -66,7 +66,7 @@ class Recorder(ConfinedNode):
             if c.record.imu:
                 self._subscribe(Imu, 'sensor_msgs/msg/Imu', topic, qos)
                 if c.imus.fusion == '9d':
-                    self._subscribe(MagneticField, FIELD_TYPE, imu_field(i), qos)
+                    self._subscribe(MagneticField, FIELD_TYPE, imu_fields(c)[i], qos)
             self._subscribe(
                 ImuCalibration, 'sesa2_msgs/msg/ImuCalibration', imu_calibration(i), EVERY_LATCHED
             )

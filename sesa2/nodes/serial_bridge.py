@@ -25,7 +25,7 @@ from sesa2.link.session import LinkSettings
 from sesa2.link.status import Event, ImuStatus, Level
 from sesa2.messages.field_messages import FieldMessages
 from sesa2.messages.imu_messages import ImuMessages
-from sesa2.messages.topic_names import imu_calibration, imu_field, imu_frame, imu_topics
+from sesa2.messages.topic_names import imu_calibration, imu_fields, imu_frame, imu_topics
 from sesa2.ros.confined_node import ConfinedNode
 from sesa2.ros.link_diagnostics import LinkDiagnostics
 from sesa2.ros.parameters import declare_configuration
@@ -63,7 +63,9 @@ class SerialBridge(ConfinedNode):
         self._field_messages = {i: FieldMessages(imu_frame(c, i)) for i in self._ids}
         magnetometer = c.imus.fusion == '9d'
         self._field_publishers = {
-            i: self.create_publisher(MagneticField, imu_field(i), STREAM) for i in self._ids if magnetometer
+            i: self.create_publisher(MagneticField, imu_fields(c)[i], STREAM)
+            for i in self._ids
+            if magnetometer
         }
         self._calibration_publishers = {
             i: self.create_publisher(ImuCalibration, imu_calibration(i), LATCHED) for i in self._ids

@@ -1,10 +1,14 @@
 """Qualities of service: reliable, and deep enough that a burst is not lost.
 
 A reliable publisher serves reliable and best-effort subscribers alike; a best-effort one never reaches a reliable
-subscriber, and says nothing.
+subscriber.
 """
 
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from typing import Any
+
+from rclpy.event_handler import SubscriptionEventCallbacks
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy, qos_policy_name_from_kind
 
 STREAM = QoSProfile(depth=100, reliability=ReliabilityPolicy.RELIABLE)
 # A subscriber that also hears the best-effort publishers of other people's drivers.
@@ -16,3 +20,16 @@ LATCHED = QoSProfile(
 EVERY_LATCHED = QoSProfile(
     depth=100, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
 )
+
+
+def telling_why_unheard(node: Node, topic: str) -> SubscriptionEventCallbacks:
+    """Has a node log where a publisher of IMUs is not heard for its qualities of service, and what to do."""
+
+    def tell(event: Any) -> None:
+        policy = qos_policy_name_from_kind(event.last_policy_kind)
+        node.get_logger().warning(
+            f'{node.resolve_topic_name(topic)}: a publisher is not heard, its {policy} does not match; '
+            'drivers are heard whatever they offer with run.source: external'
+        )
+
+    return SubscriptionEventCallbacks(incompatible_qos=tell)

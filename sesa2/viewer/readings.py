@@ -1,7 +1,9 @@
 """What is read at a glance, as HTML: state, rates, what is wrong, and calibration."""
 
+from collections.abc import Sequence
 from html import escape
 
+from sesa2.sensing.imu.accelerometer_calibration import SIDES
 from sesa2.sensing.imu.bno055.scores import Scores
 from sesa2.viewer.live import Live
 
@@ -90,8 +92,10 @@ def rates_html(live: Live) -> str:
 
 
 def calibration_html(live: Live) -> str:
-    """Four bars for each IMU, three steps each, and what to do next."""
+    """Four bars for each IMU, three steps each, and what to do next; without fusion in the chips the six poses."""
     c = live.configuration
+    if c is not None and c.serial.fusion == 'RAW':
+        return _poses_html(live, c.imus.all_ids)
     if c is None or not live.scores:
         return _block('No IMU has told its calibration yet: it comes from the board.')
     ids = c.imus.all_ids
@@ -116,16 +120,36 @@ def calibration_html(live: Live) -> str:
     return _block(f'<table style="{_TABLE}"><tr>{head}</tr>{"".join(rows)}</table>')
 
 
+def _poses_html(live: Live, ids: Sequence[int]) -> str:
+    """The poses of each accelerometer's calibration that have been held, and what to do next."""
+    said = live.heard('calibration')
+    if not said:
+        return _block(
+            'Chips without fusion have no scores. Their accelerometers are calibrated in the mode calibrate.'
+        )
+    rows = []
+    for i in ids:
+        part = said.get(f'imu_{i}')
+        held = int(part.values.get('poses', '0')) if part else 0
+        colour = _GREEN if part and not part.level else _GREY
+        text = escape(part.message if part else 'nothing heard')
+        rows.append(
+            f'<tr><td><b>{i}</b></td><td data-poses="imu_{i} {held}">{_bar(held, len(SIDES))}</td></tr><tr><td></td>'
+            f'<td style="color:{colour};font-size:0.85em;padding-bottom:0.4em">{text}</td></tr>'
+        )
+    return _block(f'<table style="{_TABLE}"><tr><th>IMU</th><th>poses</th></tr>{"".join(rows)}</table>')
+
+
 _TABLE = 'width:100%;text-align:left;border-spacing:0.3em 0.1em'
 
 
-def _bar(score: int) -> str:
-    colour = (_RED, _AMBER, _AMBER, _GREEN)[min(score, 3)]
+def _bar(score: int, of: int = 3) -> str:
+    colour = _GREEN if score >= of else _AMBER if score else _RED
     boxes = ''.join(
         f'<span style="flex:1;height:0.55em;border-radius:2px;background:{colour if k < score else "#e9ecef"}"></span>'
-        for k in range(3)
+        for k in range(of)
     )
-    return f'<div style="display:flex;gap:2px" title="{score} of 3">{boxes}</div>'
+    return f'<div style="display:flex;gap:2px" title="{score} of {of}">{boxes}</div>'
 
 
 def _block(content: str) -> str:

@@ -154,3 +154,15 @@ def test_bodies_called_as_imus_are_imus(tmp_path):
         samples = list(imus.samples())
     assert [s.id for s in samples] == [2, 4] * 3
     np.testing.assert_allclose([s[2:6] for s in samples], [Q] * 6)
+
+
+def test_arrays_of_different_lengths_are_told(tmp_path):
+    def of(*lengths):
+        places = [(1, 2, 3), (4, 5, 6)]
+        return [('/poses', k, pose(10**9 + k, *places[:n], array=True)) for k, n in enumerate(lengths)]
+
+    assert read_bodies(write_topics(tmp_path / 'same', of(2, 2, 2))).notes == ()
+    capture = read_bodies(write_topics(tmp_path / 'other', of(2, 1, 2)))
+    assert [len(body.times) for body in capture.bodies.values()] == [3, 2]
+    (note,) = capture.notes
+    assert '/poses has 1 to 2 poses a message, and nothing says which are missing' in note

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from sesa2.bags.captured_imus import CapturedImus
+from sesa2.bags.recording import open_recording
 from sesa2.errors import Sesa2Error
 from sesa2.messages.imu_messages import read_imu
 from sesa2.mocap.capture import MotionCapture, TrackedBody
@@ -65,7 +66,10 @@ def test_times_before_zero_are_moved_and_said(start, shift):
 @pytest.mark.parametrize(
     ('bodies', 'message'),
     [
-        ({'M1': body([0.0])}, 'no body is an IMU, expected names imu_<id>; there are M1. A CSV must have'),
+        (
+            {'M1': body([0.0])},
+            'no body is an IMU, expected names imu_<id>; there are M1: rename in the file',
+        ),
         ({'imu_2': body([0.0]), 'Arm__imu_2': body([0.0])}, 'imu_2 and Arm:imu_2 are both IMU 2'),
         ({'imu_2': TrackedBody(np.zeros(1), np.zeros((1, 3)))}, 'imu_2 has no orientation, .*; said'),
     ],
@@ -73,3 +77,16 @@ def test_times_before_zero_are_moved_and_said(start, shift):
 def test_refused(bodies, message):
     with pytest.raises(Sesa2Error, match=message):
         imus(**bodies)
+
+
+@pytest.mark.parametrize('name', ['imu_2_quat', 'imu_2.orientation', 'Arm:IMU 2 Rotation', 'imu2_q'])
+def test_what_of_an_imu_it_is_may_stand_in_its_name(name):
+    part = CapturedImus(Path('take.csv'), MotionCapture('x', {name: body([0.0])}))
+    assert list(part.topics) == ['/imu_2/data']
+
+
+def test_a_trajectory_that_is_named_after_its_imu_is_a_recording(tmp_path):
+    path = tmp_path / 'imu_2.tum'
+    path.write_text('5.0 0 0 0 0.6 0 0 0.8\n5.1 0 0 0 0.6 0 0 0.8\n')
+    with open_recording(path) as recording:
+        assert {name: topic.count for name, topic in recording.topics.items()} == {'/imu_2/data': 2}

@@ -3,6 +3,7 @@
 import struct
 
 import numpy as np
+import pytest
 from made_samples import PERIOD_NS, make_samples, write_samples
 
 from sesa2.bags.reading import ImuRecording, read_poses
@@ -109,3 +110,39 @@ def test_the_case(cases, tmp_path):
     whole, piece = read_poses(cases / '00-common/est10', 'pcc/markers'), markers(tmp_path / 'out')
     nearest = np.abs(whole.times_s - piece.times_s[:, None]).argmin(axis=1)
     np.testing.assert_allclose(whole.positions[nearest], piece.positions, atol=2e-3)
+
+
+def test_a_recording_that_begins_at_0_lacks_no_stamp():
+    stamps = RecordedStamps()
+    stamps_ns = np.array([0, 5])
+    stamps.complete(np.array([1, 1]), stamps_ns, np.array([0, 5]), [b'', b''])
+    assert stamps_ns.tolist() == [0, 5]
+    assert stamps.problems == []
+
+
+def stepping(step_ns, n=200, apart_ns=10_000_000, repeat=1):
+    """What is said of one IMU whose stamps step by so much, and whose messages came so far apart."""
+    stamps = RecordedStamps()
+    at = np.arange(n) // repeat
+    for half in np.array_split(np.arange(n), 2):
+        log_ns = 10**18 + np.arange(n)[half] * apart_ns // repeat
+        stamps.complete(np.ones(len(half), int), 10**18 + at[half] * step_ns, log_ns, [b''] * len(half))
+    return stamps.problems
+
+
+@pytest.mark.parametrize('step_ns', [10_000, 10, 0, 10_000_000_000])
+def test_stamps_of_another_unit_are_named(step_ns):
+    (problem,) = stepping(step_ns)
+    assert f'IMU 1: its stamps step by {step_ns / 1e9:.2g} s and its messages came every 0.01 s' in problem
+    assert 'imus.stamps: arrival' in problem
+
+
+@pytest.mark.parametrize('step_ns', [1_000_000, 10_000_000, 100_000_000])
+@pytest.mark.parametrize('repeat', [1, 2])
+def test_played_faster_or_slower_or_twice_they_are_sound(step_ns, repeat):
+    assert stepping(step_ns, repeat=repeat) == []
+
+
+def test_a_few_messages_or_all_recorded_at_once_tell_nothing():
+    assert stepping(10, n=20) == []
+    assert stepping(10, apart_ns=0) == []

@@ -1,6 +1,7 @@
 """Logs of one file a sensor as a recording: whose they are, their clocks, and what replay and align make of them."""
 
 from importlib.util import find_spec
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -193,3 +194,61 @@ def test_a_csv_of_all_imus_without_fusion_or_whole_columns_is_told(tmp_path, cap
     assert '1200 samples not used: the driver says' in capsys.readouterr().err
     assert main(['replay', str(inertial_csv(tmp_path / 'b.csv', drop='imu_2_az')), *out]) == 1
     assert 'has a column imu_2_ax, but none imu_2_az' in capsys.readouterr().err
+
+
+def with_units(text):
+    """The same numbers in °/s and g, a comment above, and a column of words that nobody asked for."""
+    header, *rows = text.strip().split('\n')
+    units = {'g': ('[deg/s]', np.pi / 180.0), 'a': ('[g]', 9.80665)}
+    names = header.split(',')
+    cells = [[name, *(row.split(',')[k] for row in rows)] for k, name in enumerate(names)]
+    for column in cells[1:]:
+        unit, scale = units[column[0].split('_')[2][0]]
+        column[:] = [f'{column[0]} {unit}', *(f'{float(v) / scale:.9f}' for v in column[1:])]
+    cells.append(['note', *['words'] * len(rows)])
+    return '# by hand\n' + '\n'.join(map(','.join, zip(*cells, strict=True))) + '\n'
+
+
+@needs_vqf
+def test_a_csv_of_all_imus_in_other_units(tmp_path, capsys):
+    config = configured(tmp_path / 'arm.yaml', '6d')
+    path = inertial_csv(tmp_path / 'raw.csv')
+    other = tmp_path / 'other.csv'
+    other.write_text(with_units(path.read_text()))
+    for source in (path, other):
+        assert main(['replay', str(source), '--config', config, '--out', str(tmp_path / source.stem)]) == 0
+    assert 'warning: other.csv: columns not used: note' in capsys.readouterr().err
+    one, two = (read_poses(tmp_path / name, 'pcc/markers').positions for name in ('raw', 'other'))
+    np.testing.assert_allclose(one, two, atol=1e-5)
+    other.write_text(other.read_text().replace('[g]', '[stone]'))
+    assert main(['replay', str(other), '--config', config, '--out', str(tmp_path / 'x')]) == 1
+    assert "imu_1_ax in 'stone', expected one of g, mg, m/s^2" in capsys.readouterr().err
+
+
+def test_trajectories_of_one_body_a_file(tmp_path):
+    """And a file that says whose it is stands in its place: a shell sorts imu_10 before imu_2."""
+    q = Rotation.from_rotvec(np.outer(np.linspace(0.0, 1.0, 50), [0.0, 1.0, 0.0])).as_quat()
+    for imu in (1, 2):
+        rows = [f'{5 + k / 100:.2f} 0 0 0 ' + ' '.join(f'{v:.9f}' for v in one) for k, one in enumerate(q)]
+        (tmp_path / f'imu_{imu}.tum').write_text('\n'.join(rows) + '\n')
+    given = [str(tmp_path / f'imu_{imu}.tum') for imu in (1, 2)]
+    samples, _ = read_all(assign_logs(given, (1, 2)))
+    assert [s.id for s in samples] == [1, 2] * 50
+    np.testing.assert_allclose([s[2:6] for s in samples[::2]], q, atol=1e-8)
+    with pytest.raises(
+        Sesa2Error, match=r'imu_2.tum comes in the place of IMU 1 in the order 1, 2: give all as ID='
+    ):
+        assign_logs(given[::-1], (1, 2))
+    assert assign_logs([f'1={given[1]}', f'2={given[0]}'], (1, 2)) == {1: Path(given[1]), 2: Path(given[0])}
+
+
+def test_a_folder_is_no_log(tmp_path):
+    for name in ('a', 'b'):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / 'Inertial.csv').write_text('x')
+    with pytest.raises(
+        Sesa2Error, match=r'a is a folder, expected the log of one sensor; in it are: Inertial.csv'
+    ):
+        read_all(assign_logs([str(tmp_path / 'a'), str(tmp_path / 'b')], (1, 2)))
+    with pytest.raises(Sesa2Error, match=r'a/Inertial.csv, b/Inertial.csv are 2 logs'):
+        assign_logs([str(tmp_path / name / 'Inertial.csv') for name in ('a', 'b')], (1, 2, 3))

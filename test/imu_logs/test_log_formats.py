@@ -141,3 +141,33 @@ def test_sensor_logger_by_the_time_of_day(tmp_path):
 def test_what_is_wrong_is_named(tmp_path, text, expected):
     with pytest.raises(Sesa2Error, match=expected.replace('(', r'\(')):
         read(tmp_path, text)
+
+
+@pytest.mark.parametrize(
+    'header', ['X (a.u.),Y (a.u.),Z (a.u.)', 'X Axis (a.u.),Y Axis (a.u.),Z Axis (a.u.)']
+)
+def test_an_ximu3_has_its_field_in_a_file_beside(tmp_path, header):
+    """At a lower rate, and of a time of its own: taken with the nearest sample, and with none in a gap."""
+    times = [*range(1_000_000, 1_100_000, 2500), *range(1_500_000, 1_600_000, 2500)]
+    inertial = f'Timestamp (us),{INERTIAL}\n' + ''.join(f'{t},180.0,-90.0,9.0,0.0,0.5,1.0\n' for t in times)
+    fields = f'Timestamp (us),{header}\n1050900,0.2,-0.4,1.0\n1300000,9,9,9\n1551300,0.4,0.0,-0.8\n'
+    (tmp_path / 'Magnetometer.csv').write_text(fields)
+    log = read(tmp_path, inertial, 'Inertial.csv')
+    at = [times.index(1_050_000), times.index(1_552_500)]
+    np.testing.assert_array_equal(np.flatnonzero(np.isfinite(log.fields[:, 0])), at)
+    np.testing.assert_allclose(log.fields[at], [[1e-5, -2e-5, 5e-5], [2e-5, 0.0, -4e-5]])
+    (note,) = log.notes
+    assert note.endswith('Magnetometer.csv: 1 of 3 magnetic fields are of a time without samples')
+    (tmp_path / 'Magnetometer.csv').unlink()
+    assert read(tmp_path, inertial, 'Inertial.csv').fields is None
+
+
+@pytest.mark.parametrize(
+    'header',
+    ['X (a.u.),Y (a.u.),Z (a.u.)', 'X (g),Y (g),Z (g)', 'XX,XY,XZ', 'Roll (deg),Pitch (deg),Yaw (deg)'],
+)
+def test_other_files_of_an_ximu3_are_no_log(tmp_path, header):
+    with pytest.raises(
+        Sesa2Error, match=r'no quaternion, and not both gyroscope and acc|no log of one sensor'
+    ):
+        read(tmp_path, f'Timestamp (us),{header}\n1000000,0.1,0.2,0.3\n')

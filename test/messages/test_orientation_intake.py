@@ -5,11 +5,13 @@ from importlib.util import find_spec
 import numpy as np
 import pytest
 from rosbags.typesys import Stores, get_typestore
+from scipy.spatial.transform import Rotation
 
+from sesa2.configuration import validate
 from sesa2.errors import Sesa2Error
 from sesa2.messages.field_messages import FIELD_TYPE, FieldMessages, read_field
 from sesa2.messages.imu_messages import TYPE, ImuMessages, read_imu
-from sesa2.messages.orientation_intake import NO_ORIENTATION, NOTHING_TO_FUSE, OrientationIntake
+from sesa2.messages.orientation_intake import ALL_ZERO, NO_ORIENTATION, NOTHING_TO_FUSE, OrientationIntake
 from sesa2.sensing.imu.accelerometer_calibration import AccelerometerCalibration, KeptAccelerometers
 
 needs_vqf = pytest.mark.skipif(find_spec('vqf') is None, reason='vqf is not installed (extra raw)')
@@ -119,3 +121,43 @@ def test_an_accelerometers_calibration_is_applied_before_fusion():
 
 def test_a_calibration_that_is_missing_is_told():
     assert OrientationIntake('none', [1], KeptAccelerometers({}, ('gone',))).doubts == ['gone']
+
+
+def test_zeros_where_there_is_something_to_fuse_are_refused_with_the_remedy():
+    _, stamps, gyr, acc = raw(5)
+    data = [d.tobytes() for d in ImuMessages('imu_1').make_raw(stamps, gyr, acc, np.zeros((5, 4)))]
+    q = np.tile([0.0, 0.0, 0.0, 0.0], (5, 1))
+    glitches = [
+        d.tobytes() for d in ImuMessages('imu_1').make_many(stamps, q)
+    ]  # as a chip sends now and then
+    one, many = OrientationIntake('none', [1]), OrientationIntake('none', [1])
+    assert [one.take(1, d) is None for d in data + glitches] == [True] * 5 + [False] * 5
+    np.testing.assert_array_equal(
+        many.take_many(np.ones(10, int), data + glitches).usable, [False] * 5 + [True] * 5
+    )
+    for intake in (one, many):
+        assert intake.refused == {1: {ALL_ZERO: 5}}
+        assert 'imus.fusion: 6d' in intake.why(1)
+
+
+@pytest.mark.parametrize('base', [(0.0, 0.0, 0.0, 1.0), (0.7071, 0.0, 0.0, 0.7071)])
+def test_an_earth_frame_that_points_down_is_doubted_where_the_arm_lies(base):
+    c = validate(
+        {
+            'arm': {'length': 0.3, 'base_orientation': list(base)},
+            'imus': {'ids': [1], 'positions': [0.3]},
+            'models': ['pcc'],
+        }
+    )
+    _, stamps, gyr, _ = raw()
+    turns = Rotation.from_rotvec(np.random.default_rng(1).uniform(-0.5, 0.5, (200, 3)))
+    ned = Rotation.from_matrix([[0, 1, 0], [1, 0, 0], [0, 0, -1]]) * turns
+    acc = turns.inv().apply([0.0, 0.0, 9.81])
+    data = [d.tobytes() for d in ImuMessages('imu_1').make_raw(stamps, gyr, acc, ned.as_quat())]
+    one, many = OrientationIntake.of(c), OrientationIntake.of(c)
+    for d in data:
+        assert one.take(1, d) is not None
+    assert many.take_many(np.ones(200, int), data).usable.all()
+    for intake in (one, many):
+        doubts = [doubt for doubt in intake.doubts if 'IMU 1: turned by its orientation' in doubt]
+        assert len(doubts) == (base[0] != 0.0)  # an upright arm shows it by its shape

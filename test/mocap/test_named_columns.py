@@ -23,6 +23,8 @@ def test_metres_and_seconds(export):
         'note;M1_z;M1_x;M1_y;time_s\n',
         'note,M1.z,M1.x,M1.y,Time\n',
         'note,M1 Z,M1 X,M1 Y,Time (s)\n',
+        'note,M1 Z,M1 X,M1 Y,Zeit [s]\n',
+        'note,M1 Z,M1 X,M1 Y,temps (s)\n',
         'note,M1 Z,M1 X,M1 Y,Time (Seconds)\n',
         'note,M1-Z [m],M1-X [m],M1-Y [m],timestamp\n',
         '"note","M1_z","M1_x","M1_y","time_s"\n',
@@ -91,3 +93,56 @@ def test_orientations(export):
 def test_refuses_and_says_where(export, text, message):
     with pytest.raises(MocapError, match=message):
         read_motion_capture(export('t.csv', text))
+
+
+@pytest.mark.parametrize(
+    'above',
+    [
+        '# made by hand\n\n# twice\n' + HEADER,
+        '# ' + HEADER,
+        '# made by hand\n#' + HEADER,
+        HEADER + 's,m,m,m,m,m,m\n',
+        HEADER.replace(',', ' ').replace('time', '# time'),
+        HEADER.replace(',', ':', 0).replace('_x', ':x').replace('_y', ':y').replace('_z', ':z'),
+    ],
+)
+def test_comments_units_and_blanks(export, above):
+    numbers = '0.5,1,2,3,4,5,6\n0.6,1.5,2,3,4,5,-6\n'
+    if ',' not in above:
+        numbers = numbers.replace(',', '  ')
+    capture = read_motion_capture(export('t.csv', above + numbers))
+    assert list(capture.bodies) == ['M1', 'M2']
+    assert capture.notes == ()
+    np.testing.assert_array_equal(capture.bodies['M2'].times, [0.5, 0.6])
+    np.testing.assert_array_equal(capture.bodies['M2'].positions, [[4, 5, 6], [4, 5, -6]])
+
+
+def test_a_line_of_units_is_believed(export):
+    path = export('t.csv', 'time,M1_x,M1_y,M1_z\n[ms],[mm],[mm],[mm]\n500,10,20,300\n')
+    body = read_motion_capture(path).bodies['M1']
+    np.testing.assert_allclose(body.times, [0.5])
+    np.testing.assert_allclose(body.positions, [[0.01, 0.02, 0.3]])
+
+
+def test_a_body_in_two_units_is_refused(export):
+    with pytest.raises(MocapError, match='M1 is in m and in mm, expected one unit'):
+        read_motion_capture(export('t.csv', 'time_s,M1_x [mm],M1_y [mm],M1_z [m]\n0,1,2,3\n'))
+
+
+def test_what_is_not_used_is_told(export):
+    rows = '0,1,1,2,3,25\n'
+    path = export('t.csv', 'time_s,frame,M1_x,M1_y,M1_z,temperature\n' + rows)
+    assert read_motion_capture(path).notes == ('t.csv: columns not used: temperature',)
+    path = export('t.csv', 'time_s,M1_yaw,M1_x,M1_y,M1_z,frame\n' + rows)
+    (note,) = read_motion_capture(path).notes
+    assert 't.csv: columns not used: M1_yaw; roll, pitch and yaw are not read' in note
+    with pytest.raises(
+        MocapError, match=r'imu_2_yaw\. roll, pitch and yaw are not read.*expected quaternions'
+    ):
+        read_motion_capture(export('t.csv', 'time_s,imu_2_roll,imu_2_pitch,imu_2_yaw\n0,1,2,3\n'))
+
+
+def test_a_tip_is_not_taken_for_euroc(export):
+    capture = read_motion_capture(export('t.csv', '# time,tip_x,tip_y,tip_z\n0.5,1,2,3\n'))
+    assert capture.kind == 'CSV with named columns'
+    assert list(capture.bodies) == ['tip']

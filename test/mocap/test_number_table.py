@@ -152,3 +152,30 @@ def test_the_fast_way_reads_what_the_careful_way_reads_or_nothing(text):
         fast = fast[~np.isnan(fast[:, 0])]
         careful = careful[~np.isnan(careful[:, 0])]
         np.testing.assert_allclose(fast, careful, rtol=1e-15)
+
+
+SMALL = st.builds(lambda v, n: v * 10.0**-n, st.floats(-9.9, 9.9), st.integers(0, 3))
+
+
+@given(st.lists(st.tuples(SMALL, SMALL, SMALL), min_size=1, max_size=5))
+def test_numbers_with_all_their_digits(rows):
+    """As Python writes them: a small one has 20 decimals, which once made it ten times too large."""
+    rows = [
+        [v if abs(v) >= 1e-4 else 0.0 for v in row] for row in [*rows, (-0.00029742530374723454, 1.0, 0.5)]
+    ]
+    text = ''.join(','.join(map(repr, row)) + '\n' for row in rows)
+    np.testing.assert_allclose(numbers(text, range(3)).rows, rows, rtol=1e-15)
+
+
+def test_a_decimal_comma_in_quotes():
+    table = numbers('"0,5","-1,25",3\n"1,5",2,"3"\n', range(3))
+    np.testing.assert_array_equal(table.rows, [[0.5, -1.25, 3], [1.5, 2, 3]])
+    with pytest.raises(MocapError, match=r"line 2: column 1 is '1.360.5', expected a number"):
+        numbers('0.5,"1,360.5"\n', range(2))
+
+
+@pytest.mark.parametrize('more', ['', ',', ',,,'])
+def test_decimal_commas_between_commas_are_refused(more):
+    assert len(numbers(f'1,2,3{more}\n4,5,6\n', range(3), width=3).rows) == 2
+    with pytest.raises(MocapError, match=r'line 2: [67] cells below 3 names|line 2: 9 cells below 3 names'):
+        numbers(f'0,04,0,360,1,5{more}\n', range(3), width=3)

@@ -47,3 +47,10 @@ def test_refused(export):
         read_motion_capture(export('arm.trc', FILE.replace('Units', 'Unit')))
     with pytest.raises(MocapError, match="line 8: M1 Z is '3o1'"):
         read_motion_capture(export('arm.trc', FILE.replace('301', '3o1')))
+
+
+def test_the_rate_where_there_are_no_times(export):
+    content = FILE.replace('\t0.100\t', '\t\t').replace('\t0.105\t', '\t\t').replace('\n2\t', '\n5\t')
+    np.testing.assert_allclose(read_motion_capture(export('a.trc', content)).bodies['M1'].times, [0.0, 0.02])
+    with pytest.raises(MocapError, match="without times, and with a DataRate of 'x', expected Hz"):
+        read_motion_capture(export('a.trc', content.replace('\n200.00\t', '\nx\t')))

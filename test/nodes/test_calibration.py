@@ -322,4 +322,5 @@ def test_it_leads_through_the_six_poses_of_raw_imus(graph, configured, file):
         ),
         'a diagnosis',
     )
+    assert diagnosis.latest('calibration: imu_2')[2]['poses'] == '6'
     assert diagnosis.latest('calibration: imu_5')[1] == 'nothing heard; not saved'

@@ -103,3 +103,24 @@ def test_bars_and_the_next_step():
     assert 'data-score="imu_5 accel 1"' in text
     assert 'calibrated' in text
     assert Scores(0, 3, 1, 0).next_step('NDOF') in text
+
+
+def test_without_fusion_the_six_poses_are_shown():
+    c = validate(
+        {
+            'arm': {'length': 0.3},
+            'imus': {'ids': [2, 5], 'positions': [0.1, 0.3], 'fusion': '6d'},
+            'serial': {'fusion': 'RAW'},
+            'run': {'source': 'serial'},
+        }
+    )
+    silent = live()
+    silent.configuration = c
+    assert 'in the mode calibrate' in calibration_html(silent)
+    here = live(calibration__imu_2=(1, 'hold it still with each of these sides up: <-z>', {'poses': '5'}))
+    here.configuration = c
+    text = calibration_html(here)
+    assert 'sides up: &lt;-z&gt;' in text
+    assert 'data-poses="imu_2 5"' in text
+    assert 'title="5 of 6"' in text
+    assert 'nothing heard' in text
