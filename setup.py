@@ -43,6 +43,7 @@ setup(
             'pytest>=8',
             'pytest-rerunfailures>=14',
             'hypothesis>=6.100',
+            'magpylib>=5.1',
             'scipy>=1.11',
             'c3d>=0.5',
             'evo>=1.28',
