@@ -1,0 +1,212 @@
+"""What magnetometers in an arm read of its shape: the field of the magnets in it and that of the earth."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from sesa2.sensing.magnetic.axial_field import AxialField
+from sesa2.sensing.magnetic.ring_magnet import RingMagnet
+from sesa2.shape.arm import GeometryError
+from sesa2.shape.kinematics.coordinate_limits import CoordinateLimits
+from sesa2.shape.kinematics.segment_chain import SegmentChain
+from sesa2.shape.reading_predictor import Prediction, ReadingPredictor
+from sesa2.shape.rotations import IDENTITY, FloatArray, conjugate, cross, multiply, rotate, to_matrix
+
+# Shapes by which the nearest distance in the workspace is found, and what is taken off for those that were not drawn.
+_DRAWN = 2000
+_MARGIN = 0.9
+
+
+@dataclass(frozen=True, eq=False)
+class MagnetPlaces:
+    """Magnets on the backbone, their axes along it.
+
+    Attributes
+    ----------
+    magnets
+        what they are.
+    positions : (n_magnets,)
+        material arc lengths of their centres, m.
+    """
+
+    magnets: tuple[RingMagnet, ...]
+    positions: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class MagnetometerPlaces:
+    """Magnetometers, each beside or on the backbone.
+
+    Attributes
+    ----------
+    ids
+        ids.
+    positions : (n,)
+        material arc lengths, m.
+    radii, azimuths : (n,)
+        distance from the backbone, m, and direction there about z from x, rad.
+    mountings : (n, 4)
+        the sensor in its link once that was turned about z by the azimuth, x y z w.
+    axes
+        which of its own a sensor measures along: 'z' or 'xyz'.
+    gains : (n,)
+        what it reads of 1 T, T.
+    offsets : (n, n_axes)
+        what it reads of no field, T.
+    noise
+        expected error of a reading, T, one standard deviation.
+    range
+        reading at which it saturates, T.
+    """
+
+    ids: tuple[int, ...]
+    positions: FloatArray
+    radii: FloatArray
+    azimuths: FloatArray
+    mountings: FloatArray
+    axes: str
+    gains: FloatArray
+    offsets: FloatArray
+    noise: float
+    range: float
+
+    def __post_init__(self) -> None:
+        if self.axes not in ('z', 'xyz'):
+            raise GeometryError(f'axes of magnetometers = {self.axes!r}, expected z or xyz')
+
+
+class MagneticReadings(ReadingPredictor):
+    """Readings of magnetometers, with the derivatives, from one pass over the kinematics.
+
+    A reading is gain · o · (Σ B_magnet + B_earth) + offset, o the axis that it measures along. Its change with the
+    shape is the work of forces and torques on the cross-sections: with v = Σ (∂B/∂r) o and
+    t = (∂B/∂a)ᵀ o, v and lever × v + o × B act on the sensor's, −v and a × t on the magnet's.
+
+    Parameters
+    ----------
+    limits
+        of the shapes; the order of the series follows from the nearest that a magnet and a sensor come within them.
+    magnets
+        at least one.
+    magnetometers
+        at least one.
+    earth_field : (3,)
+        in W, T.
+
+    Attributes
+    ----------
+    nearest : (n_sensors, n_magnets)
+        the nearest that each sensor and magnet come within the limits, of randomly drawn shapes, m.
+    order
+        of the series of moments.
+    """
+
+    def __init__(
+        self,
+        limits: CoordinateLimits,
+        magnets: MagnetPlaces,
+        magnetometers: MagnetometerPlaces,
+        earth_field: ArrayLike = (0.0, 0.0, 0.0),
+    ):
+        if not magnets.magnets or not magnetometers.ids:
+            raise GeometryError(
+                f'{len(magnets.magnets)} magnets and {len(magnetometers.ids)} magnetometers, expected at least one each'
+            )
+        self.limits = limits
+        self.magnets, self.magnetometers = magnets, magnetometers
+        self.earth_field = np.array(earth_field, dtype=float)
+        n, n_axes = len(magnetometers.ids), len(magnetometers.axes)
+        self.names = tuple(f'magnetometer_{i}' for i in magnetometers.ids)
+        self.sensor_of = np.repeat(np.arange(n), n_axes)
+        self.noise = np.full(n * n_axes, magnetometers.noise)
+        self.largest = magnetometers.range
+        # Sensors and magnets at one arc length share one evaluation of the kinematics.
+        both = np.round(np.concatenate([magnets.positions, magnetometers.positions]), 12)
+        self._places, places = np.unique(both, return_inverse=True)
+        self._of_magnet, self._of_sensor = np.split(places.ravel(), [len(magnets.magnets)])
+        self._in_link = self._sensors_in_link()
+        self._gains = magnetometers.gains[:, None]
+        self._offsets = magnetometers.offsets
+        self.nearest = self._nearest()
+        self.order = max(
+            magnet.order_beyond(_MARGIN * float(distance))
+            for magnet, distance in zip(magnets.magnets, self.nearest.min(axis=0), strict=True)
+        )
+        self._field = AxialField(
+            np.array([magnet.moments(self.order) for magnet in magnets.magnets]),
+            np.array([magnet.sphere for magnet in magnets.magnets]),
+        )
+
+    def predict(self, coordinates: FloatArray, base: ArrayLike = IDENTITY) -> Prediction:
+        """See ReadingPredictor."""
+        p, R, backbone = self._poses(coordinates)
+        at_sensor, r, a = self._vectors(p, R)
+        lever, o = at_sensor[..., 0, :], at_sensor[..., 1:, :]
+        F, H, g, k, l = self._field.factors(r, a)  # noqa: E741
+        field = np.einsum('...sm,...smi->...si', F, r) - H @ a[..., 0, :, :]
+        field += rotate(conjugate(base), self.earth_field)[..., None, :] if self.earth_field.any() else 0.0
+        readings = self._gains * (o @ field[..., None])[..., 0] + self._offsets
+        # Per sensor, axis and magnet; then vectors on a further axis.
+        along_r = o @ np.swapaxes(r, -1, -2)
+        along_a = o @ np.swapaxes(a[..., 0, :, :], -1, -2)[..., None, :, :]
+        turning = k[..., None, :] * along_r - l[..., None, :] * along_a
+        pushing = g[..., None, :] * along_r + k[..., None, :] * along_a
+        r, a, o_m = r[..., None, :, :], a[..., None, :, :], o[..., None, :]
+        turning_r = turning[..., None] * r
+        on_magnets = np.empty((*turning.shape, 6))
+        force = F[..., None, :, None] * o_m + pushing[..., None] * r + turning[..., None] * a
+        np.negative(force, out=on_magnets[..., :3])
+        on_magnets[..., 3:] = cross(a, turning_r - H[..., None, :, None] * o_m)
+        on_sensors = np.empty((*o.shape[:-1], 6))
+        total = force.sum(axis=-2)
+        on_sensors[..., :3] = total
+        on_sensors[..., 3:] = cross(lever[..., None, :], total) + cross(o, field[..., None, :])
+        rates = backbone.jacobian(self._places)
+        jacobian = on_sensors @ rates.take(self._of_sensor, axis=-3)
+        batch = jacobian.shape[:-3]
+        by_magnets = on_magnets.reshape(*batch, len(self.noise), -1) @ rates.take(
+            self._of_magnet, axis=-3
+        ).reshape(*batch, -1, jacobian.shape[-1])
+        jacobian = jacobian.reshape(by_magnets.shape) + by_magnets
+        jacobian *= np.repeat(self._gains, o.shape[-2])[:, None]
+        return Prediction(readings.reshape(*batch, -1), jacobian)
+
+    def readings_of(self, measured: ArrayLike) -> FloatArray:
+        """See ReadingPredictor; measured in T."""
+        measured = np.asarray(measured, dtype=float)
+        columns = measured if self.magnetometers.axes == 'xyz' else measured[..., 2:]
+        return columns.reshape(*measured.shape[:-2], -1)
+
+    def distances(self, coordinates: FloatArray) -> FloatArray:
+        """Between each sensor and the centre of each magnet, batch + (n_sensors, n_magnets), m."""
+        p, R, _ = self._poses(coordinates)
+        _, r, _ = self._vectors(p, R)
+        return np.sqrt(np.einsum('...i,...i->...', r, r))
+
+    def _poses(self, coordinates: FloatArray) -> tuple[FloatArray, FloatArray, SegmentChain[Any]]:
+        backbone = self.limits.kinematics.backbone(coordinates)
+        positions = backbone.positions(self._places)
+        return positions, to_matrix(backbone.orientations(self._places)), backbone
+
+    def _vectors(self, p: FloatArray, R: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Lever and axes of the sensors, (..., s, 1 + n_axes, 3); r, (..., s, m, 3), and a, (..., 1, m, 3)."""
+        at_sensor = self._in_link @ np.swapaxes(R.take(self._of_sensor, axis=-3), -1, -2)
+        there = p.take(self._of_sensor, axis=-2) + at_sensor[..., 0, :]
+        r = there[..., :, None, :] - p.take(self._of_magnet, axis=-2)[..., None, :, :]
+        return at_sensor, r, R[..., 2].take(self._of_magnet, axis=-2)[..., None, :, :]
+
+    def _sensors_in_link(self) -> FloatArray:
+        """Lever and axes of each sensor in its cross-section's frame, (n, 1 + n_axes, 3)."""
+        m = self.magnetometers
+        turn = np.zeros((len(m.ids), 4))
+        turn[:, 2], turn[:, 3] = np.sin(0.5 * m.azimuths), np.cos(0.5 * m.azimuths)
+        axes = np.swapaxes(to_matrix(multiply(turn, m.mountings)), -1, -2)
+        lever = np.zeros((len(m.ids), 1, 3))
+        lever[:, 0, 0], lever[:, 0, 1] = m.radii * np.cos(m.azimuths), m.radii * np.sin(m.azimuths)
+        return np.concatenate([lever, axes if m.axes == 'xyz' else axes[:, 2:]], axis=1)
+
+    def _nearest(self) -> FloatArray:
+        shapes = self.limits.draw(_DRAWN, np.random.default_rng(0))
+        return self.distances(shapes).min(axis=0)
