@@ -62,4 +62,4 @@ class ReadingPredictor(ABC):
 
     @abstractmethod
     def readings_of(self, measured: ArrayLike) -> FloatArray:
-        """The readings, batch + (n_readings,), of what was measured, batch + (n_sensors, 3) in the sensors' own axes."""
+        """Readings, batch + (n_readings,), of what was measured, batch + (n_sensors, 3) in the sensors' own axes."""

@@ -73,6 +73,28 @@ class CoordinateLimits:
         out[..., self._lengths] = np.clip(out[..., self._lengths], self._least, self._most)
         return out
 
+    def outward(self, q: FloatArray) -> FloatArray | None:
+        """Which way out it is at the limits that coordinates (n, n_coordinates) are at.
+
+        Returns
+        -------
+        (n, n_limits, n_coordinates), unit vectors in coordinates over `scales`, zero for limits that are not reached;
+        None where none is.
+        """
+        x, y, lengths = q[:, self._x], q[:, self._y], q[:, self._lengths]
+        size, near = np.sqrt(x * x + y * y), 1e-9
+        bent = size >= self._largest * (1.0 - near)
+        short, long = lengths <= self._least * (1.0 + near), lengths >= self._most * (1.0 - near)
+        if not (bent.any() or short.any() or long.any()):
+            return None
+        n_bends = len(self._x)
+        out = np.zeros((len(q), n_bends + len(self._lengths), q.shape[1]))
+        bends, rest = np.arange(n_bends), np.arange(n_bends, out.shape[1])
+        size = np.where(bent, size, np.inf)
+        out[:, bends, self._x], out[:, bends, self._y] = x / size, y / size
+        out[:, rest, self._lengths] = 1.0 * long - 1.0 * short
+        return out
+
     def draw(self, n: int, rng: np.random.Generator) -> FloatArray:
         """Coordinates of n random shapes within the limits, (n, n_coordinates); a third of their bends are at them."""
         out = np.empty((n, len(self.scales)))

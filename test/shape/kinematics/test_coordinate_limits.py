@@ -53,3 +53,15 @@ def test_what_is_drawn_fills_the_limits(limits):
 def test_limits_that_cannot_be(bend_max, stretch, message):
     with pytest.raises(GeometryError, match=message):
         CoordinateLimits(PCC.kinematics, bend_max, stretch)
+
+
+def test_the_way_out():
+    inside, at = np.array([0.5, 0.5, 0.1, 0.0, 0.0, 0.2]), np.array([0.72, -0.96, 0.09, 0.3, 0.4, 0.22])
+    assert PCC.outward(inside[None]) is None
+    outward = PCC.outward(np.stack([inside, at]))
+    assert (outward[0] == 0.0).all()
+    np.testing.assert_allclose(
+        outward[1],
+        [[0.6, -0.8, 0, 0, 0, 0], [0, 0, 0, 0, 0, 0], [0, 0, -1, 0, 0, 0], [0, 0, 0, 0, 0, 1]],
+        atol=1e-12,
+    )

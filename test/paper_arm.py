@@ -153,11 +153,11 @@ def lemniscate(segments, n=400):
 
 
 def flower(n=400):
-    """Coordinates (n, 5) of the paper's motion for affine curvature, 10 s, its κ times the length of 0.2 m."""
+    """Coordinates (n, 5) of the paper's motion for affine curvature, 10 s; κ0, κ1 are angles (erratum of A.2)."""
     t = 10.0 * np.arange(n) / n
     wave = 0.5 + 0.5 * np.sin(2 * np.pi * 0.3 * t)
-    kappa0 = 0.2 * np.pi / 4 * wave
-    kappa1 = 0.2**2 * np.pi * (0.1 + 0.9 * wave)
+    kappa0 = np.pi / 4 * wave
+    kappa1 = np.pi * (0.1 + 0.9 * wave)
     phi = 2.0 * np.pi * t / 10.0
     # The paper's azimuth turns the tip from −y (φ = 0) towards +x.
     towards = np.stack([np.sin(phi), -np.cos(phi)], axis=-1)
@@ -170,3 +170,12 @@ def errors(estimated, true):
     """The paper's eq. 13 of each coordinate, per cent."""
     rms = np.sqrt(np.mean((estimated - true) ** 2, axis=0))
     return 100.0 * rms / np.ptp(true, axis=0)
+
+
+def as_in_the_paper(q):
+    """κ0, κ1 (rad), φ and length of coordinates (n, 5) whose bends are parallel, φ without jumps."""
+    towards = q[:, :2] + q[:, 2:4]
+    phi = np.unwrap(np.arctan2(towards[:, 0], -towards[:, 1]))
+    along = np.stack([np.sin(phi), -np.cos(phi)], axis=-1)
+    mean, slope = np.sum(along * q[:, :2], axis=1), np.sum(along * q[:, 2:4], axis=1)
+    return np.column_stack([mean - 0.5 * slope, slope, phi, q[:, 4]])
