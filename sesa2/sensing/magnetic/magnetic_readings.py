@@ -49,12 +49,12 @@ class MagnetometerPlaces:
         distance from the backbone, m, and direction there about z from x, rad.
     mountings : (n, 4)
         the sensor in its link once that was turned about z by the azimuth, x y z w.
-    axes
-        which of its own a sensor measures along: 'z' or 'xyz'.
+    axes : (n,)
+        which of its own each measures along: 'z' or 'xyz'.
     gains : (n,)
         what it reads of 1 T, T.
-    offsets : (n, n_axes)
-        what it reads of no field, T.
+    offsets : (n_readings,)
+        what is read of no field, T; x, y, z of a sensor one after the other.
     noise
         expected error of a reading, T, one standard deviation.
     range
@@ -66,15 +66,16 @@ class MagnetometerPlaces:
     radii: FloatArray
     azimuths: FloatArray
     mountings: FloatArray
-    axes: str
+    axes: tuple[str, ...]
     gains: FloatArray
     offsets: FloatArray
     noise: float
     range: float
 
     def __post_init__(self) -> None:
-        if self.axes not in ('z', 'xyz'):
-            raise GeometryError(f'axes of magnetometers = {self.axes!r}, expected z or xyz')
+        for axes in self.axes:
+            if axes not in ('z', 'xyz'):
+                raise GeometryError(f'axes of a magnetometer = {axes!r}, expected z or xyz')
 
 
 class MagneticReadings(ReadingPredictor):
@@ -117,18 +118,21 @@ class MagneticReadings(ReadingPredictor):
         self.limits = limits
         self.magnets, self.magnetometers = magnets, magnetometers
         self.earth_field = np.array(earth_field, dtype=float)
-        n, n_axes = len(magnetometers.ids), len(magnetometers.axes)
         self.names = tuple(f'magnetometer_{i}' for i in magnetometers.ids)
-        self.sensor_of = np.repeat(np.arange(n), n_axes)
-        self.noise = np.full(n * n_axes, magnetometers.noise)
+        self.sensor_of = np.repeat(np.arange(len(self.names)), [len(axes) for axes in magnetometers.axes])
+        self.noise = np.full(len(self.sensor_of), magnetometers.noise)
         self.largest = magnetometers.range
         # Sensors and magnets at one arc length share one evaluation of the kinematics.
         both = np.round(np.concatenate([magnets.positions, magnetometers.positions]), 12)
         self._places, places = np.unique(both, return_inverse=True)
         self._of_magnet, self._of_sensor = np.split(places.ravel(), [len(magnets.magnets)])
+        # Where some measure along three axes, all are predicted so; then what is not measured is dropped.
+        self._only_z = set(magnetometers.axes) == {'z'}
+        measured = np.array([[axes == 'xyz', axes == 'xyz', True] for axes in magnetometers.axes])
+        self._measured = np.flatnonzero(measured) if not (self._only_z or measured.all()) else None
         self._in_link = self._sensors_in_link()
-        self._gains = magnetometers.gains[:, None]
-        self._offsets = magnetometers.offsets
+        self._gains = magnetometers.gains[self.sensor_of]
+        self._offsets = np.asarray(magnetometers.offsets, dtype=float)
         self.nearest = self._nearest()
         self.order = max(
             magnet.order_beyond(_MARGIN * float(distance))
@@ -147,7 +151,7 @@ class MagneticReadings(ReadingPredictor):
         F, H, g, k, l = self._field.factors(r, a)  # noqa: E741
         field = np.einsum('...sm,...smi->...si', F, r) - H @ a[..., 0, :, :]
         field += rotate(conjugate(base), self.earth_field)[..., None, :] if self.earth_field.any() else 0.0
-        readings = self._gains * (o @ field[..., None])[..., 0] + self._offsets
+        readings = (o @ field[..., None])[..., 0]
         # Per sensor, axis and magnet; then vectors on a further axis.
         along_r = o @ np.swapaxes(r, -1, -2)
         along_a = o @ np.swapaxes(a[..., 0, :, :], -1, -2)[..., None, :, :]
@@ -166,18 +170,22 @@ class MagneticReadings(ReadingPredictor):
         rates = backbone.jacobian(self._places)
         jacobian = on_sensors @ rates.take(self._of_sensor, axis=-3)
         batch = jacobian.shape[:-3]
-        by_magnets = on_magnets.reshape(*batch, len(self.noise), -1) @ rates.take(
-            self._of_magnet, axis=-3
-        ).reshape(*batch, -1, jacobian.shape[-1])
-        jacobian = jacobian.reshape(by_magnets.shape) + by_magnets
-        jacobian *= np.repeat(self._gains, o.shape[-2])[:, None]
-        return Prediction(readings.reshape(*batch, -1), jacobian)
+        n_rows, n_coordinates = o.shape[-3] * o.shape[-2], jacobian.shape[-1]
+        at_magnets = rates.take(self._of_magnet, axis=-3).reshape(*batch, -1, n_coordinates)
+        jacobian = jacobian.reshape(*batch, n_rows, n_coordinates)
+        jacobian += on_magnets.reshape(*batch, n_rows, -1) @ at_magnets
+        readings = readings.reshape(*batch, n_rows)
+        if self._measured is not None:
+            readings = readings.take(self._measured, axis=-1)
+            jacobian = jacobian.take(self._measured, axis=-2)
+        return Prediction(self._gains * readings + self._offsets, self._gains[:, None] * jacobian)
 
     def readings_of(self, measured: ArrayLike) -> FloatArray:
         """See ReadingPredictor; measured in T."""
         measured = np.asarray(measured, dtype=float)
-        columns = measured if self.magnetometers.axes == 'xyz' else measured[..., 2:]
-        return columns.reshape(*measured.shape[:-2], -1)
+        columns = measured[..., 2:] if self._only_z else measured
+        rows = columns.reshape(*measured.shape[:-2], -1)
+        return rows if self._measured is None else rows.take(self._measured, axis=-1)
 
     def distances(self, coordinates: FloatArray) -> FloatArray:
         """Between each sensor and the centre of each magnet, batch + (n_sensors, n_magnets), m."""
@@ -205,7 +213,7 @@ class MagneticReadings(ReadingPredictor):
         axes = np.swapaxes(to_matrix(multiply(turn, m.mountings)), -1, -2)
         lever = np.zeros((len(m.ids), 1, 3))
         lever[:, 0, 0], lever[:, 0, 1] = m.radii * np.cos(m.azimuths), m.radii * np.sin(m.azimuths)
-        return np.concatenate([lever, axes if m.axes == 'xyz' else axes[:, 2:]], axis=1)
+        return np.concatenate([lever, axes[:, 2:] if self._only_z else axes], axis=1)
 
     def _nearest(self) -> FloatArray:
         shapes = self.limits.draw(_DRAWN, np.random.default_rng(0))

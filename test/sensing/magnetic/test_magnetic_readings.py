@@ -1,11 +1,13 @@
 """Predicted readings against magpylib on an independent chain, derivatives against differences."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from paper_arm import EARTH, REAL, SIMULATED, PaperArm, flower, lemniscate
 from scipy.spatial.transform import Rotation
 
-from sesa2.sensing.magnetic.magnetic_readings import MagneticReadings, MagnetometerPlaces, MagnetPlaces
+from sesa2.sensing.magnetic.magnetic_readings import MagneticReadings, MagnetPlaces
 from sesa2.sensing.magnetic.ring_magnet import HIGHEST_ORDER, RingMagnet
 from sesa2.shape.arm import GeometryError
 from sesa2.shape.kinematics import create_kinematics
@@ -88,19 +90,11 @@ def test_the_base_turns_in_the_earths_field():
 def test_gains_and_offsets():
     plain = ARMS['three axes'].predictor
     m = plain.magnetometers
-    gains, offsets = np.array([1.1, 0.9]), np.array([[1e-6, 2e-6, 3e-6], [4e-6, 5e-6, 6e-6]])
-    changed = MagneticReadings(
-        plain.limits,
-        plain.magnets,
-        MagnetometerPlaces(
-            m.ids, m.positions, m.radii, m.azimuths, m.mountings, m.axes, gains, offsets, m.noise, m.range
-        ),
-    )
+    gains, offsets = np.array([1.1, 0.9]), 1e-6 * np.arange(1.0, 7.0)
+    changed = MagneticReadings(plain.limits, plain.magnets, replace(m, gains=gains, offsets=offsets))
     q = shapes(ARMS['three axes'])
     before, after = plain.predict(q), changed.predict(q)
-    np.testing.assert_allclose(
-        after.readings, np.repeat(gains, 3) * before.readings + offsets.ravel(), rtol=1e-12
-    )
+    np.testing.assert_allclose(after.readings, np.repeat(gains, 3) * before.readings + offsets, rtol=1e-12)
     np.testing.assert_allclose(after.jacobian, np.repeat(gains, 3)[:, None] * before.jacobian, rtol=1e-12)
 
 
@@ -141,3 +135,24 @@ def test_a_magnet_the_other_way_round():
     )
     q = p.limits.kinematics.rest
     np.testing.assert_allclose(turned.predict(q).readings, -p.predict(q).readings)
+
+
+def test_sensors_of_one_and_of_three_axes_on_one_arm():
+    three = ARMS['three axes'].predictor
+    m = three.magnetometers
+    mixed = MagneticReadings(
+        three.limits,
+        three.magnets,
+        replace(m, axes=('z', 'xyz'), gains=np.array([1.0, 2.0]), offsets=np.zeros(4)),
+    )
+    q = shapes(ARMS['three axes'])
+    rows, gains = [2, 3, 4, 5], np.array([1.0, 2.0, 2.0, 2.0])
+    np.testing.assert_allclose(mixed.predict(q).readings, gains * three.predict(q).readings[:, rows])
+    np.testing.assert_allclose(mixed.predict(q).jacobian, gains[:, None] * three.predict(q).jacobian[:, rows])
+    assert mixed.sensor_of.tolist() == [0, 1, 1, 1]
+    assert mixed.readings_of([[0.0, 1.0, 2.0], [3.0, 4.0, 5.0]]).tolist() == [2, 3, 4, 5]
+
+
+def test_axes_that_cannot_be():
+    with pytest.raises(GeometryError, match="'xy', expected z or xyz"):
+        replace(ARMS['three axes'].predictor.magnetometers, axes=('xy', 'z'))
