@@ -13,6 +13,7 @@ from sesa2.shape.kinematics.coordinate_limits import CoordinateLimits
 REAL = RingMagnet(0.006, 0.012, 0.006, 1.45)
 SIMULATED = RingMagnet(0.012, 0.024, 0.006, 1.45)  # what the paper's tables were computed with
 EARTH = 65e-6  # T
+NOISE = 0.71e-6  # T
 
 
 class PaperArm:

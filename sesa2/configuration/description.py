@@ -30,7 +30,7 @@ def describe(c: Configuration) -> str:
         f'Arm        {c.arm.length:.3f} m long, {2e3 * c.arm.radius:.1f} mm thick; base orientation q_WB {on_base}',
         f'Results    in {frame}; {_timing(c)}',
         f'Source     {c.run.source}, mode {c.run.mode}',
-        f'Suits      {_suits(c)}',
+        *([f'Suits      {_suits(c)}'] if c.imus.ids else []),
         '',
         'IMUs, base to tip',
         *table(
@@ -44,6 +44,7 @@ def describe(c: Configuration) -> str:
         ),
         *_segments(c),
         '',
+        *_magnets(c),
         'Models',
         *table(
             ('name', 'links', 'shortest [mm]', 'longest [mm]', 'topics'),
@@ -80,11 +81,44 @@ def _measured_by(c: Configuration, segment: int) -> str:
     return ', '.join(name for name, weight in names if weight)
 
 
+def _magnets(c: Configuration) -> list[str]:
+    """The magnets and the magnetometers, if there are any."""
+    if not c.magnetometers.ids:
+        return []
+    ends = c.layout.segment_ends
+    magnets, magnetometers = c.magnets.places(ends), c.magnetometers.places(ends)
+    of = magnetometers
+    return [
+        'Magnets',
+        *table(
+            ('s [m]', 'inner, outer diameter, height [mm]', 'remanence [T]'),
+            [
+                (
+                    f'{s:.4f}',
+                    f'{1e3 * m.inner_diameter:g}, {1e3 * m.outer_diameter:g}, {1e3 * m.height:g}',
+                    f'{m.remanence:g}',
+                )
+                for s, m in zip(magnets.positions, magnets.magnets, strict=True)
+            ],
+        ),
+        '',
+        f'Magnetometers in use: up to {1e3 * of.range:g} mT, noise {1e6 * of.noise:g} µT',
+        *table(
+            ('id', 's [m]', 'beside [mm]', 'azimuth [°]', 'axes'),
+            [
+                (i, f'{s:.4f}', f'{1e3 * r:.1f}', f'{np.degrees(a):.1f}', axes)
+                for i, s, r, a, axes in zip(of.ids, of.positions, of.radii, of.azimuths, of.axes, strict=True)
+            ],
+        ),
+        '',
+    ]
+
+
 def _places(c: Configuration) -> tuple[tuple[str, ...], list[tuple[object, ...]]]:
     """Heads and cells of where each IMU hangs: its channel, after its port where there are several; none without."""
     addresses = [address_of(imu_id) for imu_id in c.imus.ids]
     ports = c.serial.all_ports
-    if max(c.imus.all_ids) > CHANNELS * len(ports):
+    if max(c.imus.all_ids, default=0) > CHANNELS * len(ports):
         return (), [()] * len(addresses)
     if len(ports) > 1:
         return ('port', 'channel'), [(ports[board], channel) for board, channel in addresses]

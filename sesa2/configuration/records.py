@@ -7,6 +7,7 @@ from typing import Any, get_type_hints
 
 import numpy as np
 
+from sesa2.configuration.magnetic_sections import MagnetometerSection, MagnetSection, magnetic_readings
 from sesa2.sensing.lengths import BackboneLengths
 from sesa2.shape.arm import Arm, GeometryError
 from sesa2.shape.layout import Layout
@@ -206,6 +207,8 @@ class Configuration:
     segments: SegmentSection = field(default_factory=SegmentSection)
     lengths: LengthSection = field(default_factory=LengthSection)
     imus: Imus = field(default_factory=Imus)
+    magnets: MagnetSection = field(default_factory=MagnetSection)
+    magnetometers: MagnetometerSection = field(default_factory=MagnetometerSection)
     markers: Markers = field(default_factory=Markers)
     models: tuple[str, ...] = parameter(('rigid', 'pcc'), 'shape models to run', choices=MODELS)
     links: int = parameter(64, 'links that stand for a curve on the ROS graph', low=1, high=1000)
@@ -225,9 +228,16 @@ class Configuration:
     @property
     def layout(self) -> Layout:
         """The arm and its sensors as the shape models want them."""
-        return Layout(
-            Arm(self.arm.length), self.imus.positions, self.segments.lengths, stretches=self.has_lengths
+        bare = Layout(
+            Arm(self.arm.length),
+            self.imus.positions,
+            self.segments.lengths,
+            stretches=self.has_lengths,
+            bend_max=self.segments.bend_max,
+            stretch_limits=self.segments.stretch,
+            n_magnetometers=len(self.magnetometers.ids),
         )
+        return replace(bare, readings=magnetic_readings(self.magnets, self.magnetometers, bare.segment_ends))
 
     @property
     def has_lengths(self) -> bool:

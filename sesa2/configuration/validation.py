@@ -6,6 +6,7 @@ from dataclasses import replace
 from difflib import get_close_matches
 from typing import Any, NamedTuple, get_args, get_origin
 
+from sesa2.configuration.magnetic_checks import check_magnets
 from sesa2.configuration.records import Configuration, leaves, sections
 from sesa2.configuration.ros_names import is_frame_prefix, is_topic_name
 from sesa2.configuration.segment_checks import check_segments
@@ -71,8 +72,12 @@ def validate(values: Mapping[str, Any], source: str = 'configuration') -> Config
         for n, path in enumerate(given)
     ]
     wrong = {m.place.split('[')[0] for m in mistakes}
-    for path in ('arm.length', 'imus.ids', 'imus.positions'):
-        if path not in read and path not in wrong:
+    # An arm may have magnetometers and no IMUs.
+    imus = ('imus.ids', 'imus.positions')
+    known = {*read, *wrong}
+    without = 'magnetometers.ids' in known and not known.intersection(imus)
+    for path in ('arm.length', *(() if without else imus)):
+        if path not in known:
             mistakes.append(Mistake(path, 'is missing'))
     if 'serial.ports' in read:
         read.setdefault('serial.port', '')
@@ -204,7 +209,9 @@ def _check(c: Configuration) -> list[Mistake]:
     for name in ('positions', 'enabled'):
         got = len(getattr(c.imus, name))
         expect(got == n, f'imus.{name}', f'has {got} entries, expected {n}: one per id')
-    expect(any(c.imus.enabled), 'imus.enabled', 'got false for every IMU, expected at least one true')
+    expect(
+        any(c.imus.enabled) or not n, 'imus.enabled', 'got false for every IMU, expected at least one true'
+    )
     for i, (before, s) in enumerate(zip(c.imus.positions, c.imus.positions[1:], strict=False), start=1):
         expect(s > before, f'imus.positions[{i}]', f'{s:g} m is not after {before:g} m')
     for i, s in enumerate(c.imus.positions):
@@ -250,6 +257,7 @@ def _check(c: Configuration) -> list[Mistake]:
         expect(False, f'models[{i}]', f'got {shown(name)} a second time')
     _check_names(c, expect)
     check_segments(c, expect)
+    check_magnets(c, expect)
     _check_boards(c, expect)
     _check_raw(c, expect)
     if c.run.source == 'bag':

@@ -2,6 +2,7 @@
 
 from abc import ABC, abstractmethod
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from sesa2.shape.rotations import FloatArray
@@ -19,10 +20,13 @@ class Backbone(ABC):
         how many of the batch its model could not solve and gave the shape of another, which it names.
     lengths : batch + (n_segments,)
         present lengths of the segments, m; None: those at rest.
+    lost : batch
+        of which instants there is no shape: positions and orientations are NaN; None: of none.
     """
 
     fallen_back: int = 0
     lengths: FloatArray | None = None
+    lost: np.ndarray | None = None
 
     @abstractmethod
     def positions(self, s: ArrayLike) -> FloatArray:

@@ -1,6 +1,8 @@
 """An arm and where its sensors sit on it."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -25,12 +27,24 @@ class Layout:
         lengths of the segments at rest, base to tip, m; empty where nobody says where segments end.
     stretches
         whether the present lengths of the segments are measured.
+    bend_max
+        largest bend of a segment, rad.
+    stretch_limits
+        least and largest length of a segment, in parts of that at rest.
+    n_magnetometers
+        number of magnetometers.
+    readings
+        makes the ReadingPredictor of the magnetometers for shapes within CoordinateLimits; None where there are none.
     """
 
     arm: Arm
     imu_positions: tuple[float, ...] = ()
     segment_lengths: tuple[float, ...] = ()
     stretches: bool = False
+    bend_max: float = 1.6
+    stretch_limits: tuple[float, ...] = (0.5, 1.5)
+    n_magnetometers: int = 0
+    readings: Callable[[Any], Any] | None = None
 
     def __post_init__(self) -> None:
         before = 0.0

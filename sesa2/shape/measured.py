@@ -25,12 +25,18 @@ class Measured(NamedTuple):
         present length of each segment on the axis of the arm, base to tip, m.
     backbone_bends : batch + (n_segments, 2)
         bend_x, bend_y of each segment by the lengths of its backbones, rad; NaN where they do not tell.
+    fields : batch + (n_magnetometers, 3)
+        magnetic field in the magnetometers' own axes, T; NaN on axes that are not there, and where none was measured.
+    times : batch
+        when it was measured, s, ascending; for models that remember.
     """
 
     orientations: ArrayLike | None = None
     base: ArrayLike = IDENTITY
     lengths: ArrayLike | None = None
     backbone_bends: ArrayLike | None = None
+    fields: ArrayLike | None = None
+    times: ArrayLike | None = None
 
     def check(self, model: str, needs: tuple[str, ...], layout: Layout) -> None:
         """Refuse what a model cannot work with.
@@ -55,6 +61,10 @@ class Measured(NamedTuple):
         if self.orientations is not None and np.shape(self.orientations)[-2:] != (layout.n_imu, 4):
             raise GeometryError(
                 f'orientations of shape {np.shape(self.orientations)}, expected (..., {layout.n_imu}, 4)'
+            )
+        if self.fields is not None and np.shape(self.fields)[-2:] != (layout.n_magnetometers, 3):
+            raise GeometryError(
+                f'fields of shape {np.shape(self.fields)}, expected (..., {layout.n_magnetometers}, 3)'
             )
         if self.lengths is not None:
             lengths, n = np.asarray(self.lengths, dtype=float), len(layout.segment_lengths)

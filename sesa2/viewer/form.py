@@ -115,6 +115,8 @@ class Form:
                 self._add_models(c)
                 self._add_folder('Links', _ARM['Links'] | _options_of_models())
                 self._add_folder('Timing', _ARM['Timing'])
+                for section, labels in _further_sections().items():
+                    self._add_folder(section.capitalize(), labels, expand=False)
             with self._imu_tab:
                 self._add_imus(c)
                 self._add_folder('IMU on the base', _BASE_IMU, expand=False)
@@ -282,6 +284,17 @@ class Form:
                         self._imu_rows = [row for row in self._imu_rows if row[0] is not item]
                         item.remove()
                 self._change()
+
+
+def _further_sections() -> dict[str, dict[str, str]]:
+    """Sections of which no table above has any parameter: per section their path and a label."""
+    shown = {path.partition('.')[0] for of in (_RUN, _ARM) for labels in of.values() for path in labels}
+    further: dict[str, dict[str, str]] = {}
+    for path, _, _ in leaves():
+        section, _, key = path.partition('.')
+        if key and section not in MODELS and section not in {*shown, 'imus', 'markers'}:
+            further.setdefault(section, {})[path] = key.replace('_', ' ')
+    return further
 
 
 def _options_of_models() -> dict[str, str]:

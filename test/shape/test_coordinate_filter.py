@@ -2,13 +2,12 @@
 
 import numpy as np
 import pytest
-from paper_arm import PaperArm, errors, lemniscate
+from paper_arm import NOISE, PaperArm, errors, lemniscate
 
 from sesa2.shape.coordinate_filter import CoordinateFilter
 from sesa2.shape.coordinate_fit import CoordinateFit
 from sesa2.shape.reading_faults import REPEATS, ReadingFault
 
-NOISE = 0.71e-6
 RATE = 20.0
 FROM = 50
 TWELVE, EIGHTEEN = PaperArm(3, 4), PaperArm(3, 6)

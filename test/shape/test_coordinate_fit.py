@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from paper_arm import EARTH, REAL, SIMULATED, PaperArm, as_in_the_paper, errors, flower, lemniscate
+from paper_arm import EARTH, NOISE, REAL, SIMULATED, PaperArm, as_in_the_paper, errors, flower, lemniscate
 from scipy.optimize import least_squares, minimize
 
 from sesa2.shape.coordinate_fit import CoordinateFit
@@ -10,7 +10,6 @@ from sesa2.shape.kinematics import create_kinematics
 from sesa2.shape.kinematics.coordinate_limits import CoordinateLimits
 from sesa2.shape.reading_predictor import Prediction, ReadingPredictor
 
-NOISE = 0.71e-6
 TABLE_1 = {
     'one segment': {'segments': 1},
     'two': {'segments': 2},

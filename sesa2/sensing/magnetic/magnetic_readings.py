@@ -59,6 +59,8 @@ class MagnetometerPlaces:
         expected error of a reading, T, one standard deviation.
     range
         reading at which it saturates, T.
+    among_measured : (n,)
+        place of each among all that are measured, of which some may not be used; None: these are all.
     """
 
     ids: tuple[int, ...]
@@ -71,6 +73,7 @@ class MagnetometerPlaces:
     offsets: FloatArray
     noise: float
     range: float
+    among_measured: np.ndarray | None = None
 
     def __post_init__(self) -> None:
         for axes in self.axes:
@@ -183,6 +186,8 @@ class MagneticReadings(ReadingPredictor):
     def readings_of(self, measured: ArrayLike) -> FloatArray:
         """See ReadingPredictor; measured in T."""
         measured = np.asarray(measured, dtype=float)
+        if self.magnetometers.among_measured is not None:
+            measured = measured.take(self.magnetometers.among_measured, axis=-2)
         columns = measured[..., 2:] if self._only_z else measured
         rows = columns.reshape(*measured.shape[:-2], -1)
         return rows if self._measured is None else rows.take(self._measured, axis=-1)
