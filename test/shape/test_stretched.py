@@ -19,7 +19,11 @@ from sesa2.shape.rotations import multiply, rotate
 IMUS = (0.1, 0.17, 0.3, 0.45)
 # Segments that end at IMUs, between them, and one only; the arm goes on past the last IMU.
 SEGMENTS = {'at IMUs': (0.1, 0.2, 0.2), 'between': (0.13, 0.08, 0.29), 'one': (0.5,)}
-OURS = sorted(name for name, model in MODELS.items() if model.__module__.startswith('sesa2.'))
+OURS = sorted(
+    name
+    for name, model in MODELS.items()
+    if model.__module__.startswith('sesa2.') and 'orientations' in model.needs
+)
 S = np.array([0.0, 0.05, 0.1, 0.13, 0.15, 0.21, 0.29, 0.4, 0.5])
 
 
