@@ -60,6 +60,7 @@ class PaperArm:
                 positions=self.sensor_s,
                 radii=np.full(n, radius),
                 azimuths=self.azimuths,
+                axial_offsets=np.zeros(n),
                 mountings=np.tile(mounting, (n, 1)),
                 axes=(axes,) * n,
                 gains=np.ones(n),

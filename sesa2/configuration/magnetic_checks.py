@@ -60,7 +60,7 @@ def _check_counts(c: Configuration, expect: Expect) -> bool:
     for key in ('segments', 'positions'):
         got = len(getattr(magnetometers, key))
         right &= expect(got == n, f'magnetometers.{key}', f'has {got} entries, expected {n}: one per id')
-    for key in ('radii', 'azimuths', 'axes', 'gains'):
+    for key in ('radii', 'azimuths', 'axial_offsets', 'axes', 'gains'):
         got = len(getattr(magnetometers, key))
         right &= expect(
             got in (1, n),

@@ -52,6 +52,9 @@ class MagnetometerSection:
     positions: Floats = parameter((), "along the segment's backbone from the segment's base, m", low=0.0)
     radii: Floats = parameter((0.0,), 'distance from the backbone, m', low=0.0)
     azimuths: Floats = parameter((0.0,), 'direction there about z from x, rad')
+    axial_offsets: Floats = parameter(
+        (0.0,), "how far along the link's axis beyond its position, m; not stretched"
+    )
     mount_orientations: Floats = parameter(
         (0.0, 0.0, 0.0, 1.0),
         'the sensor in its link turned about z by its azimuth: x y z w, one for all or each',
@@ -85,6 +88,7 @@ class MagnetometerSection:
             positions=(starts + np.array(self.positions))[used],
             radii=np.array(_each(self.radii, n))[used],
             azimuths=np.array(_each(self.azimuths, n))[used],
+            axial_offsets=np.array(_each(self.axial_offsets, n))[used],
             mountings=normalize(np.broadcast_to(mountings, (n, 4)))[used],
             axes=tuple(axes[i] for i in used),
             gains=np.array(_each(self.gains, n))[used],

@@ -1,5 +1,6 @@
 """The field of magnets that are symmetric about their axis, and how it changes with where and how they stand."""
 
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -91,6 +92,7 @@ def _powers(x: FloatArray, n: int) -> FloatArray:
     return out
 
 
+@lru_cache(maxsize=16)
 def _table(n_orders: int) -> FloatArray:
     """Coefficients of the five polynomials, (n_orders · (n_orders + 1), 5): by powers of 1/r², then of u²."""
     table = np.zeros((n_orders, n_orders + 1, 5))
@@ -99,4 +101,6 @@ def _table(n_orders: int) -> FloatArray:
         for j, (degree, times) in enumerate([(n + 1, 1), (n, 1), (n + 2, 2), (n + 1, 2), (n, 2)]):
             own = Legendre.basis(degree).convert(kind=Polynomial).deriv(times).coef[(degree - times) % 2 :: 2]
             table[i, : len(own), j] = own
-    return table.reshape(-1, 5)
+    flat = table.reshape(-1, 5)
+    flat.setflags(write=False)
+    return flat

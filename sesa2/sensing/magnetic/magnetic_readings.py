@@ -1,5 +1,6 @@
 """What magnetometers in an arm read of its shape: the field of the magnets in it and that of the earth."""
 
+from copy import copy
 from dataclasses import dataclass
 from typing import Any
 
@@ -47,6 +48,8 @@ class MagnetometerPlaces:
         material arc lengths, m.
     radii, azimuths : (n,)
         distance from the backbone, m, and direction there about z from x, rad.
+    axial_offsets : (n,)
+        how far along the link's axis beyond their position, m: on something rigid, which does not stretch.
     mountings : (n, 4)
         the sensor in its link once that was turned about z by the azimuth, x y z w.
     axes : (n,)
@@ -67,6 +70,7 @@ class MagnetometerPlaces:
     positions: FloatArray
     radii: FloatArray
     azimuths: FloatArray
+    axial_offsets: FloatArray
     mountings: FloatArray
     axes: tuple[str, ...]
     gains: FloatArray
@@ -98,11 +102,11 @@ class MagneticReadings(ReadingPredictor):
         at least one.
     earth_field : (3,)
         in W, T.
+    order
+        of the series of moments; None: as the nearest distance within the limits asks.
 
     Attributes
     ----------
-    nearest : (n_sensors, n_magnets)
-        the nearest that each sensor and magnet come within the limits, of randomly drawn shapes, m.
     order
         of the series of moments.
     """
@@ -113,6 +117,7 @@ class MagneticReadings(ReadingPredictor):
         magnets: MagnetPlaces,
         magnetometers: MagnetometerPlaces,
         earth_field: ArrayLike = (0.0, 0.0, 0.0),
+        order: int | None = None,
     ):
         if not magnets.magnets or not magnetometers.ids:
             raise GeometryError(
@@ -136,11 +141,7 @@ class MagneticReadings(ReadingPredictor):
         self._in_link = self._sensors_in_link()
         self._gains = magnetometers.gains[self.sensor_of]
         self._offsets = np.asarray(magnetometers.offsets, dtype=float)
-        self.nearest = self._nearest()
-        self.order = max(
-            magnet.order_beyond(_MARGIN * float(distance))
-            for magnet, distance in zip(magnets.magnets, self.nearest.min(axis=0), strict=True)
-        )
+        self.order = self._order() if order is None else order
         self._field = AxialField(
             np.array([magnet.moments(self.order) for magnet in magnets.magnets]),
             np.array([magnet.sphere for magnet in magnets.magnets]),
@@ -192,6 +193,12 @@ class MagneticReadings(ReadingPredictor):
         rows = columns.reshape(*measured.shape[:-2], -1)
         return rows if self._measured is None else rows.take(self._measured, axis=-1)
 
+    def with_field(self, field: AxialField) -> 'MagneticReadings':
+        """The same with other fields of the magnets, whatever makes them."""
+        other = copy(self)
+        other._field = field
+        return other
+
     def distances(self, coordinates: FloatArray) -> FloatArray:
         """Between each sensor and the centre of each magnet, batch + (n_sensors, n_magnets), m."""
         p, R, _ = self._poses(coordinates)
@@ -218,8 +225,15 @@ class MagneticReadings(ReadingPredictor):
         axes = np.swapaxes(to_matrix(multiply(turn, m.mountings)), -1, -2)
         lever = np.zeros((len(m.ids), 1, 3))
         lever[:, 0, 0], lever[:, 0, 1] = m.radii * np.cos(m.azimuths), m.radii * np.sin(m.azimuths)
+        lever[:, 0, 2] = m.axial_offsets
         return np.concatenate([lever, axes[:, 2:] if self._only_z else axes], axis=1)
 
-    def _nearest(self) -> FloatArray:
+    def nearest(self) -> FloatArray:
+        """The nearest that sensors and magnets come within the limits, of drawn shapes, (n_sensors, n_magnets), m."""
         shapes = self.limits.draw(_DRAWN, np.random.default_rng(0))
         return self.distances(shapes).min(axis=0)
+
+    def _order(self) -> int:
+        nearest = _MARGIN * self.nearest().min(axis=0)
+        magnets = self.magnets.magnets
+        return max(magnet.order_beyond(float(d)) for magnet, d in zip(magnets, nearest, strict=True))

@@ -61,7 +61,7 @@ class RingMagnet:
         -------
         (n_orders,), T m^(n+2).
         """
-        return _moments(self, order)[: (order + 1) // 2].copy()
+        return self.remanence * _moments(self.inner_diameter, self.outer_diameter, self.height, order)
 
     @property
     def nearest(self) -> float:
@@ -79,14 +79,15 @@ class RingMagnet:
 
 
 @lru_cache(maxsize=64)
-def _moments(magnet: RingMagnet, order: int) -> FloatArray:
-    inner, outer, a = 0.5 * magnet.inner_diameter, 0.5 * magnet.outer_diameter, 0.5 * magnet.height
+def _moments(inner_diameter: float, outer_diameter: float, height: float, order: int) -> FloatArray:
+    """Of a remanence of 1 T."""
+    inner, outer, a = 0.5 * inner_diameter, 0.5 * outer_diameter, 0.5 * height
     n = np.arange(1, order + 1, 2)
     nodes, weights = legendre.leggauss(order // 4 + 2)
     square = 0.5 * (outer**2 + inner**2) + 0.5 * (outer**2 - inner**2) * nodes  # ρ², and ρ dρ is half of dρ²
     s = np.sqrt(square + a * a)
     along = legendre.legvander(a / s, order)[:, 1::2] * s[:, None] ** n
-    moments: FloatArray = 0.25 * magnet.remanence * (outer**2 - inner**2) * (weights @ along)
+    moments: FloatArray = 0.25 * (outer**2 - inner**2) * (weights @ along)
     moments.setflags(write=False)
     return moments
 
@@ -95,8 +96,8 @@ def _left_out(magnet: RingMagnet, distance: float) -> FloatArray:
     """Of each order, 1, 3, 5 …: a bound of the field of all higher ones, in parts of the dipole's least field."""
     n = np.arange(1, _TAIL + 1, 2)
     # |B_n| ≤ |c_n| (n + 1) / r^(n+2): the worst of a zonal field is on the axis. The dipole's least is c_1 / r³.
-    part = np.abs(_moments(magnet, _TAIL)) * (n + 1.0) / distance ** (n - 1.0)
-    part /= np.abs(_moments(magnet, _TAIL)[0]) or 1.0
+    moments = np.abs(_moments(magnet.inner_diameter, magnet.outer_diameter, magnet.height, _TAIL))
+    part = moments / moments[0] * (n + 1.0) / distance ** (n - 1.0)
     return np.append(np.cumsum(part[:0:-1])[::-1], 0.0)
 
 

@@ -100,7 +100,7 @@ def test_gains_and_offsets():
 
 def test_the_order_follows_the_nearest_distance():
     far = ARMS['one segment'].predictor
-    assert 0.044 < far.nearest.min() < 0.055
+    assert 0.044 < far.nearest().min() < 0.055
     assert far.order in (5, 7)
     k = create_kinematics('pcc', [0.11])
     close = MagneticReadings(
@@ -108,7 +108,7 @@ def test_the_order_follows_the_nearest_distance():
         MagnetPlaces((REAL,), np.array([0.095])),
         far.magnetometers,
     )
-    assert close.nearest.min() < 0.02
+    assert close.nearest().min() < 0.02
     assert close.order > far.order
     assert close.order <= HIGHEST_ORDER
 
@@ -156,3 +156,24 @@ def test_sensors_of_one_and_of_three_axes_on_one_arm():
 def test_axes_that_cannot_be():
     with pytest.raises(GeometryError, match="'xy', expected z or xyz"):
         replace(ARMS['three axes'].predictor.magnetometers, axes=('xy', 'z'))
+
+
+def test_a_sensor_beyond_the_tip():
+    """116 mm along an arm of 110, as in the paper's experiment: on a rigid plate, 6 mm beyond the tip."""
+    arm = PaperArm(1)
+    beyond = MagneticReadings(
+        arm.limits,
+        arm.predictor.magnets,
+        replace(arm.predictor.magnetometers, axial_offsets=np.full(3, 0.006)),
+    )
+    at_rest = beyond.predict(arm.limits.kinematics.rest).readings
+    on_axis = replace(arm.predictor.magnetometers, axial_offsets=np.full(3, 0.006), radii=np.zeros(3))
+    on_axis = (
+        MagneticReadings(arm.limits, arm.predictor.magnets, on_axis)
+        .predict(arm.limits.kinematics.rest)
+        .readings
+    )
+    n = np.arange(1, 14, 2)
+    expected = -np.sum(REAL.moments(13) * (n + 1) / 0.061 ** (n + 2.0))
+    np.testing.assert_allclose(on_axis, expected, rtol=2e-5)
+    assert (np.abs(at_rest) < np.abs(expected)).all()
