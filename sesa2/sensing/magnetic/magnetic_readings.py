@@ -208,7 +208,7 @@ class MagneticReadings(ReadingPredictor):
     def _poses(self, coordinates: FloatArray) -> tuple[FloatArray, FloatArray, SegmentChain[Any]]:
         backbone = self.limits.kinematics.backbone(coordinates)
         positions = backbone.positions(self._places)
-        return positions, to_matrix(backbone.orientations(self._places)), backbone
+        return positions, backbone.matrices(self._places), backbone
 
     def _vectors(self, p: FloatArray, R: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Lever and axes of the sensors, (..., s, 1 + n_axes, 3); r, (..., s, m, 3), and a, (..., 1, m, 3)."""

@@ -78,8 +78,21 @@ class SegmentChain(Backbone, Generic[Kept]):
 
     def orientations(self, s: ArrayLike) -> FloatArray:
         """See Backbone; at material arc lengths, q_BL."""
-        places, _, orientations, _ = self._chained(s)
-        return orientations[..., : places.n, :].copy()
+        places, _, own, _ = self._chained(s)
+        n, joints = places.n, len(places.section) - places.n
+        if not joints:
+            return own[..., :n, :].copy()
+        turns = np.zeros((*own.shape[:-2], joints + 1, 4))
+        turns[..., 0, 3] = 1.0
+        for k in range(joints):
+            turns[..., k + 1, :] = multiply(turns[..., k, :], own[..., n + k, :])
+        return multiply(turns.take(places.section[:n], axis=-2), own[..., :n, :])
+
+    def matrices(self, s: ArrayLike) -> FloatArray:
+        """Orientations as rotation matrices, batch + (n, 3, 3): cheaper than these of quaternions, beside positions."""
+        places, _, own, frames = self._chained(s)
+        there = to_matrix(own[..., : places.n, :])
+        return frames.take(places.section[: places.n], axis=-3) @ there if frames.shape[-3] > 1 else there
 
     def jacobian(self, s: ArrayLike) -> FloatArray:
         """Derivatives of the poses by the coordinates.
@@ -125,7 +138,7 @@ class SegmentChain(Backbone, Generic[Kept]):
         return out.reshape(*batch, n, 6, m * self._coordinates)
 
     def _chained(self, s: ArrayLike) -> tuple[Places[Kept], FloatArray, FloatArray, FloatArray]:
-        """Places, their positions and orientations in B, and the frames of the segments' bases, batch + (m, 3, 3).
+        """Places, their positions in B, orientations against their segments' bases, and these, batch + (m, 3, 3), in B.
 
         The last answer is kept: who wants positions mostly wants orientations or the Jacobian there, too.
         """
@@ -137,9 +150,7 @@ class SegmentChain(Backbone, Generic[Kept]):
     def _chain(self, places: Places[Kept]) -> tuple[FloatArray, FloatArray, FloatArray]:
         positions, orientations = self._segments.poses(places)
         n, joints, batch = places.n, len(places.section) - places.n, positions.shape[:-2]
-        starts, turns = np.zeros((*batch, joints + 1, 3)), np.zeros((*batch, joints + 1, 4))
-        frames = np.empty((*batch, joints + 1, 3, 3))
-        turns[..., 0, 3] = 1.0
+        starts, frames = np.zeros((*batch, joints + 1, 3)), np.empty((*batch, joints + 1, 3, 3))
         frames[..., 0, :, :] = np.eye(3)
         if not joints:
             return positions, orientations, frames
@@ -148,8 +159,7 @@ class SegmentChain(Backbone, Generic[Kept]):
             step = frames[..., k, :, :] @ positions[..., n + k, :, None]
             starts[..., k + 1, :] = starts[..., k, :] + step[..., 0]
             frames[..., k + 1, :, :] = frames[..., k, :, :] @ ends[..., k, :, :]
-            turns[..., k + 1, :] = multiply(turns[..., k, :], orientations[..., n + k, :])
         section = places.section
         local = frames.take(section, axis=-3) @ positions[..., None]
         positions = starts.take(section, axis=-2) + local[..., 0]
-        return positions, multiply(turns.take(section, axis=-2), orientations), frames
+        return positions, orientations, frames

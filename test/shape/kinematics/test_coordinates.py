@@ -247,3 +247,16 @@ def test_shapes_that_do_not_fit(name):
     for wrong in (-0.01, 0.3301, np.nan):
         with pytest.raises(GeometryError, match=f'{wrong} m is not on the arm'):
             kinematics.backbone(kinematics.rest).positions([0.1, wrong])
+
+
+@every_family
+@pytest.mark.parametrize('lengths', [LENGTHS, LENGTHS[:1]])
+@pytest.mark.parametrize('batch', [(), (4,)])
+def test_matrices_are_those_of_the_quaternions(name, lengths, batch):
+    kinematics = create_kinematics(name, lengths)
+    q = np.stack([bent(kinematics, 1.5, seed) for seed in range(4)])[:: 1 if batch else 4].reshape(*batch, -1)
+    s = S[sum(lengths) >= S]
+    backbone = kinematics.backbone(q)
+    matrices = backbone.matrices(s)
+    assert matrices.shape == (*batch, len(s), 3, 3)
+    assert_close(matrices, to_matrix(backbone.orientations(s)), atol=1e-14)
