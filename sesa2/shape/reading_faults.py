@@ -126,7 +126,7 @@ def find_jumping(
                 beyond[i] = taken[i] > beyond_chance(len(own))
         if not beyond.any():
             return out
-        good = beyond & (taken > taken.max() - _AS_GOOD)
+        good = beyond & (taken >= taken.max() - _AS_GOOD)
         if np.count_nonzero(out) + np.count_nonzero(good) > most:
             return None
         out[good] = ReadingFault.JUMPING if np.count_nonzero(good) == 1 else ReadingFault.DOUBTED
