@@ -1,6 +1,5 @@
 """How magnets and magnetometers really are, from readings of known shapes: the most probable, with its uncertainty."""
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -216,12 +215,12 @@ class _Bench:
         row = np.arange(len(self.rows))
 
         def difference(where: slice | int, step: float) -> FloatArray:
-            moved = theta.copy()
-            moved[where] += step
-            back = theta.copy()
-            back[where] -= step
-            at: Callable[[FloatArray], FloatArray] = lambda t: self.changed(t).predict(q, base).readings  # noqa: E731
-            return (at(moved) - at(back)) / (2.0 * step)
+            there = []
+            for sign in (1.0, -1.0):
+                moved = theta.copy()
+                moved[where] += sign * step
+                there.append(self.changed(moved).predict(q, base).readings)
+            return (there[0] - there[1]) / (2.0 * step)
 
         for kind, of in (('strength', self.strength), ('shift', self.shift)):
             for i in range(of.start, of.stop):

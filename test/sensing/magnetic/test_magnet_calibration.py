@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from paper_arm import NOISE, PaperArm, errors, lemniscate
 
-from sesa2.sensing.magnetic.magnet_calibration import BuildErrors, calibrate_magnets
+from sesa2.sensing.magnetic.magnet_calibration import BuildErrors, _Bench, calibrate_magnets
 from sesa2.sensing.magnetic.magnetic_readings import MagneticReadings
 from sesa2.shape.arm import GeometryError
 from sesa2.shape.coordinate_fit import CoordinateFit
@@ -117,3 +117,24 @@ def test_readings_that_are_not_there():
         calibrate_magnets(arm.predictor, q, np.nan * u)
     with pytest.raises(GeometryError, match=r'readings of shape \(5, 3\) for 80 shapes, expected \(80, 3\)'):
         calibrate_magnets(arm.predictor, q, u[:5])
+
+
+def test_a_sensor_that_is_moved_is_not_turned():
+    """What it reads of the earth's field alone stays."""
+    arm = PaperArm(1, 2, axes='xyz', earth=FIELD, tilt=0.3)
+    bench = _Bench(arm.predictor, BuildErrors())
+    theta = np.zeros(len(bench.names))
+    theta[[bench.names.index(f'magnetometer_{i} position {a}') for i in (1, 2) for a in 'xyz']] = 3e-3
+    rest = arm.limits.kinematics.rest
+
+    def of_the_earth(p):
+        there = p.predict(rest).readings
+        return (
+            there
+            - MagneticReadings(p.limits, p.magnets, p.magnetometers, order=p.order).predict(rest).readings
+        )
+
+    moved = bench.changed(theta)
+    np.testing.assert_allclose(of_the_earth(moved), of_the_earth(arm.predictor), rtol=0.0, atol=1e-15)
+    steps = moved.distances(rest) - arm.predictor.distances(rest)
+    assert (np.abs(steps) > 1e-3).any()
