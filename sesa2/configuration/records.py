@@ -226,7 +226,11 @@ class Configuration:
     def layout(self) -> Layout:
         """The arm and its sensors as the shape models want them."""
         return Layout(
-            Arm(self.arm.length), self.imus.positions, self.segments.lengths, stretches=self.has_lengths
+            Arm(self.arm.length),
+            self.imus.positions,
+            self.segments.lengths,
+            stretches=self.has_lengths,
+            backbone_radii=self.backbones.mean_radii if self.has_lengths else (),
         )
 
     @property

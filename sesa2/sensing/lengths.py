@@ -106,6 +106,10 @@ class BackboneLengths:
         self.through = through
         self.untold = tuple(int(k) + 1 for k in np.flatnonzero(~told_length))
         self._system = system.reshape(n, m, 3) * [1.0, largest, largest]
+        beside = through & (d > 0.0)[:, None]
+        self.mean_radii = tuple(
+            float(d[beside[:, k]].mean()) if self._told_bend[k] else 0.0 for k in range(m)
+        )
 
     def calibrated(self, measured: ArrayLike) -> FloatArray:
         """Lengths of the backbones from what is said of them: scale × measured + offset.

@@ -19,10 +19,16 @@ class Backbone(ABC):
         how many of the batch its model could not solve and gave the shape of another, which it names.
     lengths : batch + (n_segments,)
         present lengths of the segments, m; None: those at rest.
+    coordinates : batch + (n_coordinates,)
+        in the order of its model's `coordinate_names`; None where the shape has none.
+    twists : batch + (n_segments,)
+        twist that each segment was measured to have and its shape has not, rad; None where that is not told.
     """
 
     fallen_back: int = 0
     lengths: FloatArray | None = None
+    coordinates: FloatArray | None = None
+    twists: FloatArray | None = None
 
     @abstractmethod
     def positions(self, s: ArrayLike) -> FloatArray:

@@ -25,12 +25,15 @@ class Layout:
         lengths of the segments at rest, base to tip, m; empty where nobody says where segments end.
     stretches
         whether the present lengths of the segments are measured.
+    backbone_radii
+        of each segment, m, the mean distance from its axis of the backbones that tell its bend; 0 where none do.
     """
 
     arm: Arm
     imu_positions: tuple[float, ...] = ()
     segment_lengths: tuple[float, ...] = ()
     stretches: bool = False
+    backbone_radii: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
         before = 0.0
