@@ -257,8 +257,10 @@ def test_an_end_of_a_segment_that_no_imu_feels_is_told(configuration, tmp_path):
     summary = replay(write(tmp_path / 'in', make_samples(30)), validate(values), tmp_path / 'out')
     assert [w for w in summary.warnings if 'no IMU is' in w] == [
         'pcc_delta: segment 1 ends at 0.15 m, where no IMU is (the nearest is at 0.1 m): interpolated',
-        'pcc_delta: segment 2 ends at 0.3 m, where no IMU is (the nearest is at 0.29 m): '
-        'taken as straight past the last IMU',
+        (
+            'pcc_delta: segment 2 ends at 0.3 m, where no IMU is (the nearest is at 0.29 m): '
+            'taken as straight past the last IMU'
+        ),
     ]
 
 

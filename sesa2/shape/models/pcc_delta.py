@@ -1,6 +1,8 @@
 """Segments that bend without twist, fitted to the orientations of their ends (Hughes et al. eq. 1–3)."""
 
 from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -9,6 +11,7 @@ from sesa2.shape.arm import GeometryError
 from sesa2.shape.backbone import Backbone
 from sesa2.shape.curve import CurveModel
 from sesa2.shape.kinematics import create_kinematics
+from sesa2.shape.kinematics.segment_chain import SegmentChain
 from sesa2.shape.layout import Layout
 from sesa2.shape.measured import Measured
 from sesa2.shape.options import LinkOptions, parameter
@@ -67,6 +70,8 @@ class TwistFreeSegments(Backbone):
         what was left in each segment, rad.
     """
 
+    coordinates: FloatArray
+
     def __init__(self, model: 'PccDelta', measured: Measured):
         self._model = model
         stations = measured.stations
@@ -94,7 +99,10 @@ class TwistFreeSegments(Backbone):
             coordinates[..., 2:4] = -2.0 * affine[..., None] * bend
         self.coordinates = coordinates.reshape(*bend.shape[:-2], -1)
         self._base = stations[..., :1, :]
-        self._shape = model.kinematics.backbone(self.coordinates)
+
+    @cached_property
+    def _shape(self) -> SegmentChain[Any]:
+        return self._model.kinematics.backbone(self.coordinates)
 
     def positions(self, s: ArrayLike) -> FloatArray:
         """See Backbone."""
