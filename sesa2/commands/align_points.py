@@ -54,7 +54,8 @@ def align_points(options: argparse.Namespace) -> int:
     warn([*learnt.notes, *learnt.doubts])
     head = (
         f'{learnt.points} points at {learnt.instants} instants; by {learnt.model}, median distance '
-        f'{1e3 * learnt.before:.1f} mm before, {1e3 * learnt.after:.1f} mm after'
+        f'{1e3 * learnt.before:.1f} mm before, {1e3 * learnt.after:.1f} mm after; time offset '
+        f'{learnt.time_offset:+.4f} s'
     )
     rows = [
         (

@@ -245,7 +245,6 @@ def _in_time(
     if not found:
         raise refused[0]
     best = max(found, key=lambda one: one.correlation or 0.0)
-    notes.append(f'time offset {best.seconds:+.4f} s (correlation {best.correlation:.3f})')
     return truth, best.seconds, notes
 
 

@@ -26,7 +26,8 @@ class Layout:
     stretches
         whether the present lengths of the segments are measured.
     backbone_radii
-        of each segment, m, the mean distance from its axis of the backbones that tell its bend; 0 where none do.
+        of each segment, m, the mean distance from its axis of the backbones that tell its length and its bend; 0 where
+        none do.
     """
 
     arm: Arm

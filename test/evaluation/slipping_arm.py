@@ -50,14 +50,18 @@ def tips(bend, length, affine):
     return length[:, None] * np.concatenate([aside[:, None] * bend / theta, along[:, None]], axis=-1)
 
 
-def made(n, seed, *, racks=True, scale=1.04, offset=-0.005, noise=1e-3, spacing=2.0):
-    """n poses of an arm that bends by up to 1.3 rad and is 0.13 to 0.24 m long."""
+def made(n, seed, *, racks=True, scale=1.04, offset=-0.005, noise=1e-3, spacing=2.0, base_mount=None):
+    """n poses of an arm that bends by up to 1.3 rad and is 0.13 to 0.24 m long.
+
+    With `base_mount`, a rotation vector, the base moves, too, and an IMU on it is askew by that.
+    """
     rng = np.random.default_rng(seed)
     bend = rng.uniform(-0.9, 0.9, (n, 2))
     length = rng.uniform(0.13, 0.24, n)
     q = Rotation.from_rotvec(np.stack([-bend[:, 1], bend[:, 0], np.zeros(n)], axis=-1))
     # The IMU: askew in its link, its heading off, and white noise.
-    seen = Rotation.from_rotvec([0.0, 0.0, HEADING]) * q * Rotation.from_rotvec(MOUNT)
+    moved = Rotation.from_rotvec(0.3 * rng.normal(size=(n, 3)) * (base_mount is not None))
+    seen = Rotation.from_rotvec([0.0, 0.0, HEADING]) * moved * q * Rotation.from_rotvec(MOUNT)
     seen = seen * Rotation.from_rotvec(np.deg2rad(0.2) * rng.normal(size=(n, 3)))
     if racks:
         # They bend more than the arm does, and say it too long.
@@ -70,7 +74,7 @@ def made(n, seed, *, racks=True, scale=1.04, offset=-0.005, noise=1e-3, spacing=
         said = ((length - offset) / scale)[:, None]
     said = said + 2e-4 * rng.normal(size=said.shape)
     stamps = T0_NS + (np.arange(n) * spacing * 1e9).astype(np.int64)
-    base = np.tile([0.0, 0.0, 0.0, 1.0], (n, 1))
+    base = (moved * Rotation.from_rotvec([0.0, 0.0, 0.0] if base_mount is None else base_mount)).as_quat()
     sweeps = RecordedSweeps(stamps, seen.as_quat()[:, None], np.ones((n, 1), bool), base, said, [])
     points = tips(bend, length, AFFINE) + noise * rng.normal(size=(n, 3))
     return Made(sweeps, Trajectory(stamps / 1e9, points[:, None], ('tip',)))

@@ -68,6 +68,32 @@ def test_a_length_on_the_axis_has_a_scale_and_an_offset(seed):
     assert learnt.configuration.options['pcc_delta'].slip == (0.0, 0.0, 0.0)
 
 
+def test_an_imu_on_the_base_is_learnt_as_well():
+    c = arm.configuration()
+    c = replace(c, imus=replace(c.imus, base_id=8))
+    askew = np.deg2rad([2.0, -1.5, 0.0])
+    made = arm.made(25, 6, base_mount=askew)
+    learnt = learn_from_points(c, made.sweeps, made.truth)
+    told = {u.name: (v, s) for u, v, s in learnt.told}
+    for axis, value in zip('xy', askew, strict=False):
+        got, std = told[f'IMU 8: mounting about {axis}']
+        assert abs(got - value) < 3.5 * std
+    left = Rotation.from_quat(learnt.configuration.base_mounting).inv() * Rotation.from_rotvec(askew)
+    assert np.rad2deg(np.linalg.norm(left.as_rotvec()[:2])) < 0.8
+    other = arm.made(200, 7, base_mount=askew, noise=0.0)
+    # The sweeps were read with the configuration that is corrected.
+    whole = MeasuredInstants.of(other.sweeps, c)
+    off = [
+        np.median(
+            np.linalg.norm(
+                shape_at(k, 'pcc_delta', whole, np.array([arm.REST]))[0] - other.truth.positions, axis=-1
+            )
+        )
+        for k in (c, learnt.configuration)
+    ]
+    assert off[1] < 0.2 * off[0]
+
+
 def test_an_arm_that_does_not_move_tells_nothing():
     made = arm.made(12, 3)
     straight = np.argsort(np.linalg.norm(made.truth.positions[:, 0, :2], axis=-1))[:1]
@@ -79,8 +105,8 @@ def test_an_arm_that_does_not_move_tells_nothing():
 
 
 def test_what_a_few_alike_points_do_not_tell_is_said_and_left():
-    made = arm.made(400, 1)
-    flat = np.flatnonzero(np.abs(made.truth.positions[:, 0, :2]).max(axis=-1) < 0.03)[:8]
+    made = arm.made(1000, 1)
+    flat = np.flatnonzero(np.abs(made.truth.positions[:, 0, :2]).max(axis=-1) < 0.02)[:8]
     truth = Trajectory(made.truth.times[flat], made.truth.positions[flat], ('tip',))
     c = arm.configuration()
     learnt = learn_from_points(c, made.sweeps, truth)
@@ -133,7 +159,7 @@ def test_frames_that_differ_are_fitted_besides(register):
     turn = Rotation.from_rotvec([0.3, -0.5, 1.2] if register == 'rigid' else [0.0, 0.0, 0.0])
     truth = changed(made.truth, lambda p: turn.apply(p[:, 0])[:, None] + [0.4, -1.0, 2.0])
     learnt = learn_from_points(arm.configuration(), made.sweeps, truth, register=register)
-    assert learnt.after < 0.002
+    assert learnt.after < 0.003
     # With the frames free the tilt of the IMU is hidden in them: judged as far as shapes go.
     assert held_out(learnt.configuration) < 0.008
     assert {u.name for u, _, _ in learnt.told} >= {'affine curvature', 'slip by stretch'}

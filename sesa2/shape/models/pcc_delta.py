@@ -149,8 +149,8 @@ class PccDelta(CurveModel[np.ndarray]):
         if self._slips and by_bend.any():
             if not layout.backbone_radii or not np.all(np.array(layout.backbone_radii)[by_bend]):
                 raise GeometryError(
-                    'slip: the first of its numbers is not 0, and the backbones do not tell how a segment bends; '
-                    'expected 0.0, or three backbones beside its axis'
+                    'slip: the first of its numbers is not 0, and the backbones do not tell how a segment bends, or '
+                    'one on its axis tells its length; expected 0.0, or three backbones beside the axis alone'
                 )
             self._slip_radii = np.array(layout.backbone_radii)
             self.needs = (*self.needs, 'backbone_bends')
