@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation, Slerp
 
+from sesa2.configuration import validate
+from sesa2.configuration.description import describe
 from sesa2.shape.arm import Arm
 from sesa2.shape.layout import Layout
 from sesa2.shape.segment_ends import SegmentEnds
@@ -62,3 +64,20 @@ def test_an_imu_at_the_base_is_not_used_and_said():
     np.testing.assert_array_equal(ends.orientations(stations), stations[:, [0, 2]])
     assert ends.doubts == ('the IMU at 0.004 m is at the base of segment 1 and is not used',)
     assert ends.inner == ()
+
+
+def test_check_says_so():
+    c = validate(
+        {
+            'arm': {'length': 0.4},
+            'segments': {'lengths': [0.11, 0.29]},
+            'imus': {'ids': [1, 2], 'positions': [0.08, 0.4]},
+            'models': ['pcc_delta'],
+        }
+    )
+    text = describe(c)
+    assert (
+        '  pcc_delta: segment 1 ends at 0.11 m, where no IMU is (the nearest is at 0.08 m): interpolated'
+        in text
+    )
+    assert 'pcc_delta/joint_states, coordinates, markers, tip, shape' in text
