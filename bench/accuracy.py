@@ -1,12 +1,14 @@
 """`make accuracy`: errors on the recordings, as a table in README.md. What is absent is said.
 
-The trials are a simulated one (a Cosserat rod, with errors like a BNO055's: not the paper's arm) and a real arm of
-three actuated sections, whose motion-capture frames stand in as perfect IMUs. The paper's figures are of its own arm.
+The trials are a simulated one (a Cosserat rod, with errors like a BNO055's: not the paper's arm) and real ones whose
+motion-capture frames stand in as perfect IMUs: an arm of three actuated sections, a cable, and a robot that extends and
+twists. The paper's figures are of its own arm.
 """
 
 import argparse
 import os
 import sys
+import tempfile
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -16,9 +18,11 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from sesa2.alignment.self_calibration import self_calibrate
+from sesa2.bags.replay import replay
 from sesa2.configuration import Configuration, files
 from sesa2.estimation.estimator import Estimator
 from sesa2.estimation.sweeps import Sweep
+from sesa2.evaluation.bag_evaluation import evaluate_bag
 from sesa2.evaluation.evaluate import evaluate
 from sesa2.evaluation.trajectory import Trajectory
 from sesa2.shape.arm import Arm
@@ -75,6 +79,62 @@ def twin_rows(path):
             midway = ', joints midway' if model == 'rigid' and configuration is not as_in_the_paper else ''
             rows.append((case, f'`{model}`{midway}', *figures))
     return rows, took
+
+
+def four_imus_rows(path):
+    """(case, model, M1, M2) on the simulated trial with every other IMU, self-calibrated."""
+    with np.load(path) as trial:
+        times, q = trial['ti'], trial['q'][:, 2::2, [1, 2, 3, 0]]
+        truth = Trajectory(trial['t100'], trial['M100'], tuple(MARKERS))
+    c = files.load(ROOT / 'config/prototype3_4.yaml')
+    c = replace(c, models=('pcc_exact', 'spline', 'smooth_rod'))
+    found = self_calibrate(times, q, np.ones(q.shape[:2], bool), c.layout, c.base, c.mountings, c.headings)
+    calibrated = c.with_alignment(found.mountings, found.headings)
+    figures = errors(calibrated, times, q, truth)
+    return [('4 IMUs, self-calibrated', f'`{model}`', *of) for model, of in figures.items()]
+
+
+def cable_rows(folder):
+    """(model, first marker, second) on the real cable with five stations, nothing registered or calibrated."""
+    c = files.load(folder / 'arm.yaml')
+    c = replace(c, models=('pcc_exact', 'spline', 'smooth_rod'))
+    with tempfile.TemporaryDirectory() as out:
+        replay(folder / 'imu.csv', c, Path(out) / 'cable')
+        models = evaluate_bag(Path(out) / 'cable', folder / 'truth.csv', time_offset=0.0).models
+    return [(f'`{name}`', *(of[m].median_pct for m in c.markers.names)) for name, of in models.items()]
+
+
+def hsa_rows(folder):
+    """(what, registration, with a constant length, with its length known), mm, on the second halves."""
+    rows = []
+    for what, file, twist, register in (
+        ('extends', '20221011_174514', 'shared', 'offsets'),
+        ('twists', '20221012_103309', 'tip', 'rigid+offsets'),
+    ):
+        table = np.genfromtxt(folder / f'{file}_mocap_frame_data_history.csv', delimiter=',')
+        # Their robot stands along +Y, ours along +z; body 2 is its base, 3 its platform.
+        turn = Rotation.from_euler('x', -90.0, degrees=True)
+        base, platform = (table[table[:, 1] == body] for body in (2, 3))
+        b, p = (Rotation.from_quat(body[:, 2:6]) * turn for body in (base, platform))
+        q, place = (b.inv() * p).as_quat()[:, None], b.inv().apply(platform[:, 6:] - base[:, 6:])
+        distance = np.linalg.norm(place, axis=1)
+        rest = float(np.median(distance))
+        layout = Layout(Arm(rest), (rest,), (rest,), stretches=True)
+        model = create_model('pcc_delta', layout, twist=twist)
+        constant = np.full(len(q), rest)
+        bend = model.fit(Measured(q, lengths=constant[:, None])).coordinates[:, :2]
+        # Known: the arc whose ends are as far apart as the bodies.
+        known = distance / np.sinc(np.linalg.norm(bend, axis=1) / (2.0 * np.pi))
+        times, left = np.arange(len(q)) / 40.0, []
+        for length, kind in ((constant, 'translation'), (known, register)):
+            shape = model.fit(Measured(q, lengths=length[:, None]))
+            links = q if twist == 'tip' else shape.orientations([rest])
+            estimate = {'pcc_delta': Trajectory(times, shape.positions([rest]), ('tip',), links)}
+            truth = Trajectory(times, place[:, None], ('tip',))
+            found = evaluate(estimate, truth, {'tip': rest}, register=kind, time_offset=0.0)
+            left.append(found.models['pcc_delta']['tip'].median_mm)
+        rows.append((what, f'`pcc_delta`, `twist: {twist}`', register, *left))
+    return rows
 
 
 def softarm_rows(path):
@@ -142,7 +202,7 @@ def table(data):
         rows, took = twin_rows(trial)
         lines += [
             f'| {model}, {case} | {m1:.2f} | {m2:.2f} | simulated trial, 250 s |'
-            for case, model, m1, m2 in rows
+            for case, model, m1, m2 in [*rows, *four_imus_rows(trial)]
         ]
         print(f'self-calibration of 250 s: {took:.1f} s', file=sys.stderr)
     else:
@@ -155,6 +215,23 @@ def table(data):
         ]
     else:
         lines.append(f'| not measured: {real.name} is absent | | | |')
+    cable = data / 'cable'
+    if cable.is_dir():
+        lines += [
+            f'| {model}, five stations (markers at 0.50 and 0.91 m) | {m1:.2f} | {m2:.2f} | real cable, 1.01 m |'
+            for model, m1, m2 in cable_rows(cable)
+        ]
+    else:
+        lines.append('| not measured: the cable is absent | | | |')
+    hsa = data / 'hsa'
+    if hsa.is_dir():
+        lines += [
+            f'| {model}, registration: {register} | | tip {known:.2f} mm with its length known '
+            f'(a constant one and a translation: {constant:.1f} mm) | real robot that {what}, 0.13 m, second half |'
+            for what, model, register, constant, known in hsa_rows(hsa)
+        ]
+    else:
+        lines.append('| not measured: the robot that extends and twists is absent | | | |')
     return lines
 
 

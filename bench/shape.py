@@ -11,7 +11,10 @@ from scipy.spatial.transform import Rotation, Slerp
 from sesa2.configuration import validate
 from sesa2.estimation.estimator import Estimator
 from sesa2.estimation.sweeps import Sweep
+from sesa2.shape.arm import Arm
+from sesa2.shape.layout import Layout
 from sesa2.shape.measured import Measured
+from sesa2.shape.models import create_model
 from sesa2.shape.rotations import IDENTITY, from_rotation_vector, multiply
 
 POSITIONS = [0.08, 0.16, 0.24, 0.32, 0.40, 0.48, 0.56, 0.64]
@@ -97,6 +100,32 @@ def rows():
         yield f'batched, per sweep, {name}', each, 'target', 25e-6, 1
     ours, theirs = in_turn(lambda: spline.estimate(many), lambda: pcc.estimate(many), 1)
     yield 'batched, per sweep, spline', ours / len(many), 'pcc', theirs / len(many), 1
+
+    measured, scipys = bent_segments(20_000, rng)
+    delta = create_model(
+        'pcc_delta', Layout(Arm(0.48), (0.16, 0.32, 0.48), (0.16, 0.16, 0.16), stretches=True)
+    )
+    ours, theirs = in_turn(lambda: delta.fit(measured).coordinates, lambda: scipy_bends(*scipys), 1, rounds=5)
+    yield 'batched, per segment, coordinates of pcc_delta', ours / 60_000, 'scipy', theirs / 60_000, 1
+
+
+def bent_segments(n, rng):
+    """What is measured of three segments: as our model takes it, and as base and tip of each for scipy."""
+    ends = [Rotation.identity(n)]
+    for _ in range(3):
+        ends.append(ends[-1] * Rotation.from_rotvec(rng.normal(size=(n, 3)) * [0.5, 0.5, 0.1]))
+    q = np.stack([r.as_quat() for r in ends], axis=1)
+    lengths = rng.uniform(0.13, 0.2, (n, 3))
+    return Measured(q[:, 1:], q[0, 0], lengths=lengths), (q[:, :-1], q[:, 1:])
+
+
+def scipy_bends(before, after):
+    """Relative rotations by scipy, and Hughes et al. eq. 3 from their quaternions."""
+    relative = Rotation.from_quat(before.reshape(-1, 4)).inv() * Rotation.from_quat(after.reshape(-1, 4))
+    x, y, _, w = relative.as_quat(canonical=True).T
+    n = np.hypot(x, y)
+    turn = np.where(n > 0.0, 2.0 * np.arctan2(n, w) / np.where(n > 0.0, n, 1.0), 2.0)
+    return np.stack([turn * y, -turn * x], axis=-1)
 
 
 def batched_positions(n=2000):

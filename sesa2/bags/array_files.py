@@ -24,12 +24,13 @@ def write_arrays(estimate: EstimateArrays, out: str | Path) -> list[Path]:
 
     `.csv`: a row an instant, a first line that names the columns: `time_s`, then by the topic that each was on, for
     example `pcc/joint_states:pcc_001_x [rad]`, `pcc/markers:M1_x [m]`, `pcc/markers:M1_qx`, `pcc/tip:pose_x [m]`,
-    `pcc/shape:000_x [m]`. Empty: not there. `sesa2 evaluate` takes it as truth.
+    `pcc/shape:000_x [m]`, `pcc_delta/coordinates:segment_1_bend_x [rad]`. Empty: not there. `sesa2
+    evaluate` takes it as truth.
 
     `.npz` and `.mat`: arrays `time_s`, `stamps_ns`, `frame`, `marker_names`, `marker_arc_lengths_m`, and for each model
     (`pcc/joints_rad` in npz, a struct `pcc` in mat) `joint_names`, `joints_rad`, `markers_m`,
     `marker_orientations_xyzw`, `tip_m`, `tip_orientation_xyzw`, `backbone_m`, `backbone_orientations_xyzw`,
-    `backbone_arc_lengths_m`.
+    `backbone_arc_lengths_m`; of models that have coordinates `coordinate_names` and `coordinates_rad_m` (lengths in m).
 
     `.tum`: a trajectory a file, `time tx ty tz qx qy qz qw` in s and m. OUT is the tip's by the first model; beside it
     `<name>_<model>.tum` are the tips by the others and `<name>_<model>_<marker>.tum` the markers.
@@ -118,6 +119,11 @@ def _columns(estimate: EstimateArrays, name: str, m: ModelArrays) -> Iterator[tu
     links = link_names(name, m.link_lengths.shape[1])
     yield [f'{joint_states}:{link}_l [m]' for link in links], m.link_lengths
     yield [f'{joint_states}:{link}_l_velocity [m/s]' for link in links], m.link_velocities
+    coordinates, units = of_model(name, 'coordinates'), {True: 'm', False: 'rad'}
+    yield (
+        [f'{coordinates}:{c} [{units[c.endswith("_length")]}]' for c in m.coordinate_names],
+        m.coordinates,
+    )
 
 
 def _named(bodies: Iterable[str], components: Iterable[str]) -> list[str]:
@@ -155,7 +161,14 @@ def _of_model(m: ModelArrays) -> dict[str, Any]:
         'backbone_orientations_xyzw': m.backbone_orientations,
         'backbone_arc_lengths_m': m.backbone_positions,
         **(stretching if m.link_lengths.shape[1] else {}),
+        **_coordinates(m),
     }
+
+
+def _coordinates(m: ModelArrays) -> dict[str, Any]:
+    if not m.coordinate_names:
+        return {}
+    return {'coordinate_names': np.array(m.coordinate_names, dtype=str), 'coordinates_rad_m': m.coordinates}
 
 
 def _npz(estimate: EstimateArrays, out: Path) -> _Parts:
@@ -180,7 +193,8 @@ def _mat(estimate: EstimateArrays, out: Path) -> _Parts:
     content['marker_names'] = _cells(content['marker_names'])
     for name, model in estimate.models.items():
         fields = _of_model(model)
-        content[name] = {**fields, 'joint_names': _cells(fields['joint_names'])}
+        names = {key: _cells(value) for key, value in fields.items() if key.endswith('_names')}
+        content[name] = {**fields, **names}
 
     def write(path: Path) -> None:
         with path.open('wb') as file:

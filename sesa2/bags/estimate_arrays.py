@@ -17,7 +17,8 @@ from sesa2.messages.topic_names import CONFIGURATION, of_model
 from sesa2.shape.rotations import FloatArray
 from sesa2.time import NS
 
-_KINDS = ('joint_states', 'markers', 'tip', 'shape')
+_JOINT_KINDS = ('joint_states', 'coordinates')
+_KINDS = ('joint_states', 'markers', 'tip', 'shape', 'coordinates')
 _POSE = {'markers': read_pose_array, 'tip': read_pose, 'shape': read_path}
 
 
@@ -40,6 +41,10 @@ class ModelArrays(NamedTuple):
         ends of the model's links, base to tip, m; x y z w.
     backbone_positions : (n_ends,)
         their arc lengths, m.
+    coordinate_names
+        the n_coordinates names, segment by segment from the base; none where the model has no coordinates.
+    coordinates : (n, n_coordinates)
+        rad and m.
     """
 
     joint_names: tuple[str, ...]
@@ -54,6 +59,8 @@ class ModelArrays(NamedTuple):
     backbone: FloatArray
     backbone_orientations: FloatArray
     backbone_positions: FloatArray
+    coordinate_names: tuple[str, ...]
+    coordinates: FloatArray
 
 
 class EstimateArrays(NamedTuple):
@@ -127,9 +134,10 @@ def read_estimate(path: str | Path, models: Sequence[str] | None = None) -> Esti
     found = {}
     for name in chosen:
         model, n_markers = c.create_model(name), len(c.markers.names)
+        n_coordinates = len(model.coordinate_names)
         joints = np.array(model_joints(c, name, model.n_links))
         slides = np.char.endswith(joints, '_l')
-        widths = (2 * len(joints), 7 * n_markers, 7, 7 * (model.n_links + 1))
+        widths = (2 * len(joints), 7 * n_markers, 7, 7 * (model.n_links + 1), n_coordinates)
         rows = {}
         for kind, width in zip(_KINDS, widths, strict=True):
             rows[kind], lacking = _at(stamps, series[name, kind], width, f'{path}: {of_model(name, kind)}')
@@ -137,13 +145,14 @@ def read_estimate(path: str | Path, models: Sequence[str] | None = None) -> Esti
                 problems.append(
                     f'{of_model(name, kind)}: {lacking} of {len(stamps)} instants have no message; NaN there'
                 )
-        markers, tip, ends = (rows[kind].reshape(len(stamps), -1, 7) for kind in _KINDS[1:])
+        markers, tip, ends = (rows[kind].reshape(len(stamps), -1, 7) for kind in _KINDS[1:4])
         states, speeds = np.split(rows['joint_states'], 2, axis=1)
-        turning = tuple(joints[~slides].tolist()) if len(names.get(name, ())) else ()
+        turning = tuple(joints[~slides].tolist()) if len(names.get((name, 'joint_states'), ())) else ()
         found[name] = ModelArrays(
             turning, states[:, ~slides], speeds[:, ~slides], states[:, slides], speeds[:, slides],
             markers[..., :3], markers[..., 3:], tip[:, 0, :3], tip[:, 0, 3:],
             ends[..., :3], ends[..., 3:], model.link_ends,
+            model.coordinate_names, rows['coordinates'],
         )  # fmt: skip
     return EstimateArrays(c, c.frame_id, stamps, found, tuple(problems))
 
@@ -160,21 +169,22 @@ def _configuration(recording: Recording) -> tuple[str, Configuration]:
 
 def _read(
     recording: Recording, namespace: str, models: Sequence[str]
-) -> tuple[dict[str, tuple[str, ...]], dict[tuple[str, str], _Series], list[str]]:
-    """Names of the joints by model, the topics by model and kind, and what was left out."""
+) -> tuple[dict[tuple[str, str], tuple[str, ...]], dict[tuple[str, str], _Series], list[str]]:
+    """Names of the joints and the topics, by model and kind, and what was left out."""
     wanted = {namespace + of_model(name, kind): (name, kind) for name in models for kind in _KINDS}
     stamps: dict[tuple[str, str], list[int]] = {key: [] for key in wanted.values()}
     rows: dict[tuple[str, str], list[FloatArray]] = {key: [] for key in wanted.values()}
-    layouts: dict[str, JointStateLayout] = {}
+    layouts: dict[tuple[str, str], JointStateLayout] = {}
     problems, again, unreadable = [], 0, 0
     for message in recording.messages(wanted):
-        key = model, kind = wanted[message.topic]
+        key = _, kind = wanted[message.topic]
         try:
-            if kind == 'joint_states':
-                if model not in layouts:
-                    layouts[model] = JointStateLayout.of(message.data)
-                stamp, positions = layouts[model].read(message.data)
-                row = np.concatenate([positions, layouts[model].velocities(message.data)])
+            if kind in _JOINT_KINDS:
+                if key not in layouts:
+                    layouts[key] = JointStateLayout.of(message.data)
+                stamp, row = layouts[key].read(message.data)
+                if kind == 'joint_states':
+                    row = np.concatenate([row, layouts[key].velocities(message.data)])
             else:
                 poses: StampedPoses = _POSE[kind](message.data)
                 stamp, row = poses.stamp_ns, poses.poses.ravel()
@@ -192,7 +202,7 @@ def _read(
         problems.append(
             f'{again} messages not used: not after the one before; of a loop the first round counts'
         )
-    names = {model: layout.names for model, layout in layouts.items()}
+    names = {key: layout.names for key, layout in layouts.items()}
     series = {}
     for key, values in rows.items():
         width = len(values[0]) if values else 0

@@ -29,6 +29,9 @@ class RecordedSweeps(NamedTuple):
         true where the IMU has measured.
     base : (n, 4)
         q_WB.
+    lengths : (n, n_backbones) or None
+        of the backbones as they are said, m, NaN where one has none; None where the configuration or the recording has
+        no lengths.
     problems
         of the recording, for people.
     """
@@ -37,7 +40,20 @@ class RecordedSweeps(NamedTuple):
     orientations: FloatArray
     measured: np.ndarray
     base: FloatArray
+    lengths: FloatArray | None
     problems: list[str]
+
+    def chosen(self, which: np.ndarray) -> 'RecordedSweeps':
+        """Some of the sweeps."""
+        lengths = None if self.lengths is None else self.lengths[which]
+        return RecordedSweeps(
+            self.stamps_ns[which],
+            self.orientations[which],
+            self.measured[which],
+            self.base[which],
+            lengths,
+            self.problems,
+        )
 
 
 def read_sweeps(
@@ -90,5 +106,6 @@ def read_sweeps(
         np.stack([s.orientations for s in sweeps]),
         np.stack([s.measured for s in sweeps]),
         np.array(estimator.bases(sweeps)),
+        np.array([s.lengths for s in sweeps]) if all(s.lengths is not None for s in sweeps) else None,
         problems,
     )

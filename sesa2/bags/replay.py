@@ -16,6 +16,7 @@ from sesa2.configuration import Configuration, files
 from sesa2.errors import Sesa2Error
 from sesa2.estimation.arrivals import OFFLINE_PATIENCE, lag_in_words
 from sesa2.estimation.estimator import Estimator
+from sesa2.estimation.left_twist import LeftTwist
 from sesa2.estimation.stuck import StuckWatch, stuck_in_words
 from sesa2.estimation.sweeps import NO_BASE, Sweep
 from sesa2.estimation.time_steps import AHEAD_NS
@@ -70,6 +71,8 @@ class Summary:
         number of results with a joint beyond 80° about z, by model.
     fallen_back
         number of results that the model could not solve and gave the shape of another, by model.
+    much_twist
+        of models whose segments had more twist left over than sound sensors leave, what is to be known, by model.
     messages
         number of messages written, by topic.
     duration
@@ -93,6 +96,7 @@ class Summary:
     stuck: dict[int, float] = field(default_factory=dict)
     near_singular: Counter[str] = field(default_factory=Counter)
     fallen_back: Counter[str] = field(default_factory=Counter)
+    much_twist: dict[str, str] = field(default_factory=dict)
     messages: Counter[str] = field(default_factory=Counter)
     duration: float = 0.0
     problems: list[str] = field(default_factory=list)
@@ -129,6 +133,7 @@ class Summary:
             for model, n in self.fallen_back.items()
             if n
         ]
+        lines += [f'{model}: {text}' for model, text in self.much_twist.items()]
         return lines
 
 
@@ -188,6 +193,7 @@ def replay(
             summary.problems = [
                 *recording.problems,
                 *imus.warnings,
+                *run.doubts,
                 *unaligned_headings(configuration.imus.fusion, configuration.imus.headings),
                 *intake.reasons,
                 *intake.doubts,
@@ -239,6 +245,8 @@ class _Replay:
         self._comparison = BaseComparison()
         self._sweeps: list[Sweep] = []
         self._stuck = StuckWatch(len(self._enabled))
+        self._left_twists: dict[str, LeftTwist] = {}
+        self.doubts = [f'{name}: {d}' for name, model in self._estimator.models.items() for d in model.doubts]
         self._pending = _Entries()  # what is not written yet
         self._held = _Entries()  # samples of another time
         self._written_ns = 0  # time of the last entry that was written
@@ -334,6 +342,10 @@ class _Replay:
         stuck = zip(self._imu_ids, self._stuck.seconds.tolist(), strict=False)
         self.summary.stuck = {id_: seconds for id_, seconds in stuck if seconds}
         self.summary.resets = self._assembler.resets
+        models = self._estimator.models
+        self.summary.much_twist = {
+            name: left.told(models[name]) for name, left in self._left_twists.items() if left.is_much
+        }
         self.summary.messages = Counter({self._names[n]: count for n, count in self._bag.counts.items()})
         return self.summary
 
@@ -368,6 +380,9 @@ class _Replay:
         self.summary.outside_stretch.update(dict(enumerate(estimate.outside_stretch.tolist())))
         self.summary.near_singular.update({m: r.near_singular for m, r in estimate.models.items()})
         self.summary.fallen_back.update({m: r.fallen_back for m, r in estimate.models.items()})
+        for name, result in estimate.models.items():
+            if result.twists is not None:
+                self._left_twists.setdefault(name, LeftTwist()).add(result.twists)
         self._sweeps = []
         if stamps:
             self._first_ns = stamps[0] if self._first_ns is None else self._first_ns

@@ -1,4 +1,4 @@
-"""`sesa2 align`: mountings and headings from a recording, written into a new configuration."""
+"""`sesa2 align`: what a recording tells about the sensors, written into a new configuration."""
 
 import argparse
 from pathlib import Path
@@ -6,10 +6,12 @@ from pathlib import Path
 import numpy as np
 
 from sesa2.commands.align_accelerometers import align_accelerometers
-from sesa2.commands.arguments import add_config, load_config, positive, warn
+from sesa2.commands.align_points import align_points
+from sesa2.commands.arguments import add_config, add_truth_options, load_config, names, positive, warn
 from sesa2.configuration import Configuration, files
 from sesa2.configuration.description import table
 from sesa2.errors import Sesa2Error
+from sesa2.evaluation.registration import KINDS
 from sesa2.partial_files import write_whole
 from sesa2.sensing.imu.accelerometer_calibration import STANDARD_GRAVITY
 from sesa2.shape.rotations import FloatArray
@@ -26,8 +28,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         'source',
         metavar='IN',
         nargs='+',
-        help='recording of the arm held straight, or with --self of motion; or the log of each IMU, in the order of '
-        'imus.ids or as ID=FILE',
+        help='recording of the arm held straight, with --self of motion, with --truth of known points; or the log of '
+        'each IMU, in the order of imus.ids or as ID=FILE',
     )
     add_config(parser)
     result = parser.add_mutually_exclusive_group(required=True)
@@ -48,11 +50,27 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--headings', action='store_true', help='take the turn about the arm as error of heading'
     )
-    parser.add_argument(
+    how = parser.add_mutually_exclusive_group()
+    how.add_argument(
         '--self',
         action='store_true',
         dest='motion',
         help='from any motion, knowing that the arm bends smoothly and hardly twists',
+    )
+    how.add_argument(
+        '--truth',
+        type=Path,
+        metavar='T',
+        help='from known positions of markers, of which ten are enough (a bag, or an export of motion capture): '
+        'mountings, headings, affine curvature, and scale, offset and slip of lengths',
+    )
+    add_truth_options(parser)
+    parser.add_argument('--models', type=names, metavar='A,B', help='with --truth: only by these models')
+    parser.add_argument(
+        '--register',
+        choices=KINDS,
+        default='none',
+        help='with --truth: fit between the frames (default: none)',
     )
     parser.add_argument(
         '--start', type=float, default=0.0, metavar='S', help='use the recording from here, s'
@@ -72,6 +90,10 @@ def run(options: argparse.Namespace) -> int:
 
     if options.accelerometers:
         return align_accelerometers(options)
+    if options.truth:
+        if options.headings:
+            raise Sesa2Error('--headings is for a straight pose; --truth tells the headings anyway')
+        return align_points(options)
     c = load_config(options)
     if options.out.exists():
         raise Sesa2Error(f'{options.out}: exists already, expected the name of a new configuration')

@@ -8,6 +8,7 @@ from typing import TypeVar
 
 from sesa2.configuration import Configuration, files
 from sesa2.configuration.ros_names import is_topic_name
+from sesa2.messages.topic_names import TRUTH_MARKERS
 
 _Number = TypeVar('_Number', int, float)
 
@@ -21,6 +22,28 @@ def add_config(parser: argparse.ArgumentParser, default: str | None = None) -> N
         metavar='F',
         help='configuration: a file, or the name of a shipped one'
         + (f' (default: {default})' if default else ''),
+    )
+
+
+def add_truth_options(parser: argparse.ArgumentParser) -> None:
+    """What has to be said of a truth where it does not say it itself."""
+    parser.add_argument(
+        '--truth-topic', metavar='TOPIC', help=f'in a bag (default: {TRUTH_MARKERS}, or what has poses)'
+    )
+    parser.add_argument(
+        '--marker',
+        action='append',
+        default=[],
+        type=_renamed,
+        metavar='M1=NAME',
+        dest='markers',
+        help="a marker's name in the truth, where it differs; once a marker",
+    )
+    parser.add_argument(
+        '--truth-rate', type=positive, metavar='HZ', help='of its frames, where a truth counts them alone'
+    )
+    parser.add_argument(
+        '--time-offset', type=_offset, default=None, metavar='auto|S', help='s, or found (default: auto)'
     )
 
 
@@ -101,3 +124,19 @@ def warn(lines: list[str] | tuple[str, ...]) -> None:
     """Tell of what was not as it should be, on standard error."""
     for line in lines:
         print(f'warning: {line}', file=sys.stderr)
+
+
+def _offset(text: str) -> float | None:
+    if text == 'auto':
+        return None
+    try:
+        return float(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f'got {text!r}, expected auto or a number of seconds') from None
+
+
+def _renamed(text: str) -> tuple[str, str]:
+    ours, equals, theirs = text.partition('=')
+    if not (ours and equals and theirs):
+        raise argparse.ArgumentTypeError(f'got {text!r}, expected MARKER=NAME, such as M1=Arm:tip')
+    return ours, theirs

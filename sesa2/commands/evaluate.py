@@ -6,12 +6,11 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from sesa2.commands.arguments import names, not_negative, positive, warn
+from sesa2.commands.arguments import add_truth_options, names, not_negative, warn
 from sesa2.configuration.description import table
 from sesa2.errors import Sesa2Error
 from sesa2.evaluation.evaluate import Evaluation
 from sesa2.evaluation.registration import KINDS
-from sesa2.messages.topic_names import TRUTH_MARKERS
 
 IN_MS = 10.0  # s; a larger offset is one between two clocks, and printed in s
 
@@ -28,21 +27,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar='T',
         help='marker positions: a bag, or an export of motion capture',
     )
-    parser.add_argument(
-        '--truth-topic', metavar='TOPIC', help=f'in a bag (default: {TRUTH_MARKERS}, or what has poses)'
-    )
-    parser.add_argument(
-        '--marker',
-        action='append',
-        default=[],
-        type=_renamed,
-        metavar='M1=NAME',
-        dest='markers',
-        help="a marker's name in the truth, where it differs; once a marker",
-    )
-    parser.add_argument(
-        '--truth-rate', type=positive, metavar='HZ', help='of its frames, where a truth counts them alone'
-    )
+    add_truth_options(parser)
     parser.add_argument('--models', type=names, metavar='A,B', help='only these models')
     parser.add_argument(
         '--register',
@@ -55,9 +40,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=not_negative,
         default=0.5,
         help='part of the trial it is fitted on (default: 0.5)',
-    )
-    parser.add_argument(
-        '--time-offset', type=_offset, default=None, metavar='auto|S', help='s, or found (default: auto)'
     )
     parser.add_argument('--report', type=Path, metavar='DIR', help='write figures and a page there')
     parser.add_argument('--json', action='store_true', help='print JSON')
@@ -97,22 +79,6 @@ def run(options: argparse.Namespace) -> int:
         written = write_report(options.report, trials)
         print(f'report: {written}', file=sys.stderr if options.json else sys.stdout)
     return 0
-
-
-def _offset(text: str) -> float | None:
-    if text == 'auto':
-        return None
-    try:
-        return float(text)
-    except ValueError:
-        raise argparse.ArgumentTypeError(f'got {text!r}, expected auto or a number of seconds') from None
-
-
-def _renamed(text: str) -> tuple[str, str]:
-    ours, equals, theirs = text.partition('=')
-    if not (ours and equals and theirs):
-        raise argparse.ArgumentTypeError(f'got {text!r}, expected MARKER=NAME, such as M1=Arm:tip')
-    return ours, theirs
 
 
 def _labels(paths: Sequence[Path]) -> list[str]:

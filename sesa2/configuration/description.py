@@ -50,6 +50,7 @@ def describe(c: Configuration) -> str:
             ('name', 'links', 'shortest [mm]', 'longest [mm]', 'topics'),
             [_model(c, name) for name in c.models],
         ),
+        *(f'  {name}: {doubt}' for name in c.models for doubt in c.create_model(name).doubts),
         '',
         'Markers',
         *table(
@@ -139,7 +140,7 @@ def _model(c: Configuration, name: str) -> tuple[object, ...]:
         model.n_links,
         f'{lengths.min():.1f}',
         f'{lengths.max():.1f}',
-        f'{name}/joint_states, markers, tip, shape',
+        f'{name}/joint_states, {"coordinates, " if model.coordinate_names else ""}markers, tip, shape',
     )
 
 

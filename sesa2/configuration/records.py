@@ -236,6 +236,7 @@ class Configuration:
             bend_max=self.segments.bend_max,
             stretch_limits=self.segments.stretch,
             n_magnetometers=len(self.magnetometers.ids),
+            backbone_radii=self.backbones.mean_radii if self.has_lengths else (),
         )
         return replace(bare, readings=magnetic_readings(self.magnets, self.magnetometers, bare.segment_ends))
 

@@ -38,6 +38,10 @@ class ModelResult(NamedTuple):
         number of sweeps with a joint beyond 80° about z.
     fallen_back
         number of sweeps that the model could not solve and gave the shape of another.
+    coordinates : (n, n_coordinates) or None
+        of the segments, rad and m, in the order of the model's `coordinate_names`; None where it has none.
+    twists : (n, n_segments) or None
+        twist that each segment was measured to have and its shape has not, rad.
     """
 
     joints: FloatArray
@@ -48,6 +52,8 @@ class ModelResult(NamedTuple):
     marker_orientations: FloatArray
     near_singular: int
     fallen_back: int
+    coordinates: FloatArray | None = None
+    twists: FloatArray | None = None
 
 
 class Estimate(NamedTuple):
@@ -210,7 +216,7 @@ class Estimator:
             backbone = configured.model.fit(measured)
             positions = backbone.positions(configured.positions_at)
             there = backbone.orientations(configured.orientations_at)
-            fitted.append((positions, there, backbone.fallen_back))
+            fitted.append((positions, there, backbone))
             links.append(there[:, : configured.model.n_links])
             if backbone.lengths is not None:
                 lengths.append(backbone.lengths @ configured.pieces)
@@ -226,7 +232,7 @@ class Estimator:
             joints = np.concatenate([joints, own], axis=1)
         velocities = self._velocities.of(stamps_ns, joints)
         results = {}
-        for (name, configured), (positions, there, fallen_back) in zip(
+        for (name, configured), (positions, there, backbone) in zip(
             self._models.items(), fitted, strict=True
         ):
             n, at = configured.model.n_links + 1, configured.links
@@ -244,7 +250,9 @@ class Estimator:
                 near_singular=0
                 if near_singular is None
                 else int(np.count_nonzero(near_singular[:, at].any(axis=-1))),
-                fallen_back=fallen_back,
+                fallen_back=backbone.fallen_back,
+                coordinates=backbone.coordinates,
+                twists=backbone.twists,
             )
         estimate = Estimate(stamps_ns, base, results)
         if not self._on_base:

@@ -72,7 +72,7 @@ def evaluate_bag(
     estimated = _read_estimate(Path(estimate), models)
     c = estimated.configuration
     read = read_truth(truth, c.markers.names, topic=truth_topic, given=markers, rate=truth_rate)
-    true, about_frames = _in_one_frame(read.trajectory, read.frame, estimated, register)
+    true, about_frames = in_one_frame(read.trajectory, read.frame, c, estimated.frame, register)
     arc_lengths = dict(zip(c.markers.names, c.markers.positions, strict=True))
     evaluation = evaluate(
         estimated.models,
@@ -138,14 +138,23 @@ def _read_estimate(path: Path, models: Sequence[str] | None) -> _Estimate:
     return _Estimate(c, estimates, poses.frame, DrawnPose(model.link_ends, pose))
 
 
-def _in_one_frame(
-    truth: Trajectory, frame: str, estimate: _Estimate, register: str
+def in_one_frame(
+    truth: Trajectory, frame: str, c: Configuration, estimated: str, register: str
 ) -> tuple[Trajectory, tuple[str, ...]]:
-    """The truth in the estimate's frame where the way there is known, and what a reader has to know about it."""
-    c = estimate.configuration
-    if not frame or not estimate.frame or frame == estimate.frame:
+    """The truth in the estimate's frame where the way there is known, and what a reader has to know about it.
+
+    Parameters
+    ----------
+    truth, frame
+        the truth, and its frame; empty where that is not known.
+    c, estimated
+        configuration and frame of the estimate.
+    register
+        kind of registration that is fitted.
+    """
+    if not frame or not estimated or frame == estimated:
         return truth, ()
-    if {frame, estimate.frame} == {c.frame('world'), c.frame('base_link')} and not c.imus.base_id:
+    if {frame, estimated} == {c.frame('world'), c.frame('base_link')} and not c.imus.base_id:
         q = (
             c.base if frame == c.frame('base_link') else conjugate(c.base)
         )  # both have their origin at the clamp
@@ -157,7 +166,7 @@ def _in_one_frame(
         return truth, ()
     else:
         done = 'the way from one to the other is not known'
-    return truth, (f'The truth is in frame {frame}, the estimate in {estimate.frame}: {done}.',)
+    return truth, (f'The truth is in frame {frame}, the estimate in {estimated}: {done}.',)
 
 
 def _about_imus(path: Path, c: Configuration, similarity: Similarity | None) -> ImuFindings:

@@ -28,6 +28,11 @@ MIN_SPREAD_RATIO = 0.02  # of the spread along the points' main axis
 # Offsets that the motion tells less well than this, against the best told, stay 0: an arm that hardly bends turns its
 # markers' links too little to tell an offset from a translation.
 MIN_TOLD = 0.02
+# Where frames turn, too, offsets trade with that turn, which has no natural zero: there they have a prior, m, against
+# what is left over. That is the shape's own error and lasts: all samples tell no more than so many independent ones.
+_EXPECTED_OFFSET = 0.04
+_INDEPENDENT = 25
+_SINGULAR = 1e-6  # directions that nothing tells at all, against the best told
 MAX_FITTED = 5_000  # samples; more tell nothing new and take longer
 _ROUNDS = 30
 _SETTLED = 1e-9  # m
@@ -157,7 +162,10 @@ def fit_registration(
 def _with_offsets(
     start: Registration, estimate: FloatArray, truth: FloatArray, links: FloatArray
 ) -> Registration:
-    """Gauss–Newton over a small turn (where the kind has one), the translation and every marker's offset."""
+    """Gauss–Newton over a small turn (where the kind has one), the translation and every marker's offset.
+
+    With a turn it is the maximum a posteriori: what is left over says how much the offsets' prior weighs.
+    """
     stride = -(-len(estimate) // MAX_FITTED)
     p, y, R_link = estimate[::stride], truth[::stride], to_matrix(links[::stride])
     m = p.shape[1]
@@ -166,6 +174,7 @@ def _with_offsets(
     turning = start.kind in TURNING
     q, t, offsets = start.rotation, start.translation, np.zeros((m, 3))
     size = float(np.sqrt(np.mean(np.sum(p**2, axis=1))))  # so that turns count in metres, as all else
+    prior = np.zeros((3 * m, 6 + 3 * m))
     for _ in range(_ROUNDS if turning else 1):
         R = to_matrix(q)
         turned = R @ R_link
@@ -179,7 +188,15 @@ def _with_offsets(
         for k in range(m):
             A[marker_of == k, :, 6 + 3 * k : 9 + 3 * k] = turned[marker_of == k]
         residual = (y - reached - t).ravel()
-        step = least_squares_step(A.reshape(len(residual), -1), residual, MIN_TOLD)
+        if turning:
+            left = np.linalg.norm(residual) / np.sqrt(min(len(p), _INDEPENDENT))
+            prior[:, 6:] = np.eye(3 * m) * left / _EXPECTED_OFFSET
+            rows = np.concatenate([A.reshape(len(residual), -1), prior])
+            step = least_squares_step(
+                rows, np.concatenate([residual, -prior[:, 6:] @ offsets.ravel()]), _SINGULAR
+            )
+        else:
+            step = least_squares_step(A.reshape(len(residual), -1), residual, MIN_TOLD)
         q = multiply(from_rotation_vector(step[:3] / size), q)
         t = t + step[3:6]
         offsets = offsets + step[6:].reshape(m, 3)

@@ -14,6 +14,7 @@ from sesa2.shape.rotations import FloatArray
 
 TYPES = {
     'joint_states': 'sensor_msgs/msg/JointState',
+    'coordinates': 'sensor_msgs/msg/JointState',
     'markers': 'geometry_msgs/msg/PoseArray',
     'tip': 'geometry_msgs/msg/PoseStamped',
     'shape': 'nav_msgs/msg/Path',
@@ -73,6 +74,8 @@ class ResultMessages:
                 'shape': _path(frame, n + 1),
                 'marker_array': _marker_array(frame, name, n + 1, configuration),
             }
+            if model.coordinate_names:
+                layouts['coordinates'] = _joint_state(model.coordinate_names, moving=False)
             for kind, layout in layouts.items():
                 self._templates[ResultTopic(of_model(name, kind), TYPES[kind])] = layout.template()
             topic = ResultTopic(of_model(name, 'joint_states'), TYPES['joint_states'])
@@ -168,6 +171,7 @@ def _flat(*parts: FloatArray) -> FloatArray:
 
 
 _NUMBERS = {
+    'coordinates': lambda r: r.coordinates,
     'markers': lambda r: _flat(r.markers, r.marker_orientations),
     'tip': lambda r: _flat(r.ends[:, -1], r.end_orientations[:, -1]),
     'shape': lambda r: _flat(r.ends, r.end_orientations),

@@ -60,5 +60,7 @@ def imu_calibration(imu_id: int) -> str:
 
 
 def of_model(model: str, kind: str) -> str:
-    """Topic of a model's result; `kind` is joint_states, markers, tip, shape, marker_array or robot_description."""
+    """Topic of a model's result; `kind` is joint_states, coordinates, markers, tip, shape, marker_array or
+    robot_description.
+    """
     return f'{model}/{kind}'

@@ -22,6 +22,7 @@ from sesa2.configuration import Configuration, files
 from sesa2.errors import Sesa2Error
 from sesa2.estimation.arrivals import lag_in_words
 from sesa2.estimation.estimator import Estimate, Estimator
+from sesa2.estimation.left_twist import LeftTwist
 from sesa2.estimation.stuck import stuck_in_words, stuck_spans
 from sesa2.estimation.sweeps import Sweep
 from sesa2.messages.header_bytes import read_stamp, with_stamp
@@ -55,6 +56,7 @@ _NO_STAMP = 'its messages have no stamp (0); the time of their arrival stands in
 
 _CLASSES = {
     'joint_states': JointState,
+    'coordinates': JointState,
     'markers': PoseArray,
     'tip': PoseStamped,
     'shape': Path,
@@ -105,6 +107,9 @@ class EstimatorNode(ConfinedNode):
             publisher = self.create_publisher(String, of_model(name, 'robot_description'), LATCHED)
             publisher.publish(String(data=describe_robot(self.configuration, name)))
             self._description_publishers.append(publisher)
+        for name, model in self._estimator.models.items():
+            for doubt in model.doubts:
+                self.get_logger().warning(f'{name}: {doubt}')
 
         imus = self.configuration.imus
         self._ids = imus.all_ids
@@ -139,6 +144,7 @@ class EstimatorNode(ConfinedNode):
         self._unreadable = 0
         self._near_singular = Counter[str]()
         self._fallen_back = Counter[str]()
+        self._left_twists: dict[str, LeftTwist] = {}
         self._without_lengths = 0
         self._outside_stretch = Counter[int]()
         self._last_report = (time.monotonic(), Counter[int](), 0)
@@ -238,6 +244,8 @@ class EstimatorNode(ConfinedNode):
         for name, result in estimate.models.items():
             self._near_singular[name] += result.near_singular
             self._fallen_back[name] += result.fallen_back
+            if result.twists is not None:
+                self._left_twists.setdefault(name, LeftTwist()).add(result.twists)
         self._outside_stretch.update(dict(enumerate(estimate.outside_stretch.tolist())))
 
     def _align(
@@ -431,6 +439,11 @@ class EstimatorNode(ConfinedNode):
                 text = f'{n} sweeps could not be solved and are arcs: neighbouring IMUs differ by half a turn'
                 parts.append((name, WARN, text, {'fallen_back': n}))
         self._fallen_back.clear()
+        for name, left in self._left_twists.items():
+            model = self._estimator.models[name]
+            degrees = {f'segment_{k}_deg': f'{d:.1f}' for k, d in enumerate(np.rad2deg(left.rms), start=1)}
+            parts.append((f'{name} twist', WARN if left.is_much else OK, left.told(model), degrees))
+        self._left_twists.clear()
         if n := self._without_lengths:
             text = f'{n} sweeps without a result: {NO_LENGTHS}'
             parts.append(('segments', ERROR, text, {'without_lengths': n}))

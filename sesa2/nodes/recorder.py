@@ -27,7 +27,13 @@ from sesa2.ros.spinning import run_alone
 
 # Half a second is the most that a kill may cost, and a little.
 _FLUSH_PERIOD_S = 0.4
-_RESULTS = {'joint_states': JointState, 'markers': PoseArray, 'tip': PoseStamped, 'shape': Path}
+_RESULTS = {
+    'joint_states': JointState,
+    'coordinates': JointState,
+    'markers': PoseArray,
+    'tip': PoseStamped,
+    'shape': Path,
+}
 
 
 class Recorder(ConfinedNode):
@@ -73,6 +79,8 @@ class Recorder(ConfinedNode):
         if c.record.results:
             for model in c.models:
                 for kind, cls in _RESULTS.items():
+                    if kind == 'coordinates' and not c.create_model(model).coordinate_names:
+                        continue
                     self._subscribe(cls, TYPES[kind], of_model(model, kind), STREAM)
         self._timer = self.create_timer(_FLUSH_PERIOD_S, self._flush)
         self._diagnostics = Diagnostics(self, str(self.path), self._report)

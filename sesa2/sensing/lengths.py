@@ -62,6 +62,12 @@ class BackboneLengths:
     ------
     GeometryError
         there is no backbone, or a list is not as long as it should be; an entry is out of its range.
+
+    Attributes
+    ----------
+    mean_radii
+        of each segment, m, mean distance from its axis of the backbones that tell both its length and its bend; 0
+        where none do, or where one on the axis tells its length.
     """
 
     def __init__(
@@ -106,6 +112,10 @@ class BackboneLengths:
         self.through = through
         self.untold = tuple(int(k) + 1 for k in np.flatnonzero(~told_length))
         self._system = system.reshape(n, m, 3) * [1.0, largest, largest]
+        on_axis = (through & (d == 0.0)[:, None]).any(axis=0)
+        self.mean_radii = tuple(
+            float(d[through[:, k]].mean()) if self._told_bend[k] and not on_axis[k] else 0.0 for k in range(m)
+        )
 
     def calibrated(self, measured: ArrayLike) -> FloatArray:
         """Lengths of the backbones from what is said of them: scale × measured + offset.

@@ -22,11 +22,17 @@ class Backbone(ABC):
         present lengths of the segments, m; None: those at rest.
     lost : batch
         of which instants there is no shape: positions and orientations are NaN; None: of none.
+    coordinates : batch + (n_coordinates,)
+        in the order of its model's `coordinate_names`; None where the shape has none.
+    twists : batch + (n_segments,)
+        twist that each segment was measured to have and its shape has not, rad; None where that is not told.
     """
 
     fallen_back: int = 0
     lengths: FloatArray | None = None
     lost: np.ndarray | None = None
+    coordinates: FloatArray | None = None
+    twists: FloatArray | None = None
 
     @abstractmethod
     def positions(self, s: ArrayLike) -> FloatArray:

@@ -35,6 +35,9 @@ class Layout:
         number of magnetometers.
     readings
         makes the ReadingPredictor of the magnetometers for shapes within CoordinateLimits; None where there are none.
+    backbone_radii
+        of each segment, m, the mean distance from its axis of the backbones that tell its length and its bend; 0 where
+        none do.
     """
 
     arm: Arm
@@ -45,6 +48,7 @@ class Layout:
     stretch_limits: tuple[float, ...] = (0.5, 1.5)
     n_magnetometers: int = 0
     readings: Callable[[Any], Any] | None = None
+    backbone_radii: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
         before = 0.0

@@ -48,6 +48,10 @@ class Model(ABC, Generic[Kept]):
         the arm and its sensors.
     stretching
         how lengths of the segments stretch the arm.
+    coordinate_names
+        of the coordinates that its backbones have; none where they have none.
+    doubts
+        of how it suits the sensors, for people.
     link_ends : (n_links + 1,)
         arc lengths at which the links that stand for the arm on the ROS graph begin and end, base to tip, m.
     link_middles : (n_links,)
@@ -57,6 +61,8 @@ class Model(ABC, Generic[Kept]):
     name: ClassVar[str]
     needs: tuple[str, ...] = ('orientations',)
     Options: ClassVar[type[ModelOptions]] = ModelOptions
+    coordinate_names: tuple[str, ...] = ()
+    doubts: tuple[str, ...] = ()
 
     def __init_subclass__(cls, **arguments: Any) -> None:
         super().__init_subclass__(**arguments)

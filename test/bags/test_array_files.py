@@ -8,8 +8,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from rosbags.rosbag2 import Reader
 
 from sesa2.bags.array_files import write_arrays
+from sesa2.bags.definitions import typestore
 from sesa2.bags.estimate_arrays import read_estimate
 from sesa2.bags.replay import replay
 from sesa2.cli import main
@@ -73,6 +75,41 @@ def test_npz_as_numpy_has_it(estimate, tmp_path):
             assert tuple(got[f'{name}/joint_names']) == m.joint_names
             for key, value in fields_of(m).items():
                 np.testing.assert_array_equal(got[f'{name}/{key}'], value)
+
+
+def test_coordinates_go_from_the_replay_into_every_kind_of_array(bag, configuration, tmp_path):
+    c = replace(configuration, models=('pcc', 'pcc_delta'))
+    replay(bag, c, tmp_path / 'with')
+    estimate = read_estimate(tmp_path / 'with')
+    assert estimate.problems == ()
+    m = estimate.models['pcc_delta']
+    assert m.coordinates.shape == (len(estimate.stamps_ns), 12)
+    np.testing.assert_allclose(m.coordinates[:, 5], 0.1)
+    with Reader(tmp_path / 'with') as reader:
+        said = [
+            typestore().deserialize_cdr(data, connection.msgtype)
+            for connection, _, data in reader.messages()
+            if connection.topic == '/pcc_delta/coordinates'
+        ]
+    np.testing.assert_array_equal([message.position for message in said], m.coordinates)
+    assert np.ptp(m.coordinates[:, 0]) > 0.01
+    assert estimate.models['pcc'].coordinates.shape == (len(estimate.stamps_ns), 0)
+    for kind in ('csv', 'npz', 'mat'):
+        write_arrays(estimate, tmp_path / f'a.{kind}')
+    with (tmp_path / 'a.csv').open(newline='', encoding='utf-8') as file:
+        rows = list(csv.DictReader(file))
+    for k, name in enumerate(m.coordinate_names):
+        unit = 'm' if name.endswith('_length') else 'rad'
+        got = [float(row[f'pcc_delta/coordinates:{name} [{unit}]']) for row in rows]
+        np.testing.assert_array_equal(got, m.coordinates[:, k])
+    with np.load(tmp_path / 'a.npz', allow_pickle=False) as got:
+        np.testing.assert_array_equal(got['pcc_delta/coordinates_rad_m'], m.coordinates)
+        assert tuple(got['pcc_delta/coordinate_names']) == m.coordinate_names
+        assert 'pcc/coordinate_names' not in got
+    scipy = pytest.importorskip('scipy.io')
+    got = scipy.loadmat(tmp_path / 'a.mat', simplify_cells=True)['pcc_delta']
+    np.testing.assert_array_equal(got['coordinates_rad_m'], m.coordinates)
+    assert tuple(got['coordinate_names']) == m.coordinate_names
 
 
 def fields_of(m):
@@ -147,7 +184,7 @@ def test_stamps_keep_every_nanosecond(estimate, tmp_path):
     stamps = np.array([-1_500_000_001, -1, 0, 1, 999_999_999, 1_700_000_000_123_456_789])
     n = len(stamps)
     models = {
-        name: type(m)(m.joint_names, *(value[:n] for value in m[1:-1]), m.backbone_positions)
+        name: m._replace(**{k: v[:n] for k, v in m._asdict().items() if len(v) == len(estimate.stamps_ns)})
         for name, m in estimate.models.items()
     }
     write_arrays(estimate._replace(stamps_ns=stamps, models=models), tmp_path / 'a.csv')

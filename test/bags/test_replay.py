@@ -228,6 +228,42 @@ def test_sweeps_that_a_model_could_not_solve_are_told(configuration, tmp_path):
     assert summary.warnings == ['smooth_rod: 30 of 30 results could not be solved and are arcs']
 
 
+def test_twist_that_is_left_over_is_told_with_the_other_forms(configuration, tmp_path):
+    made = make_samples(30)
+    for i, m in enumerate(made):
+        imu = i % N_IMU
+        q = Rotation.from_rotvec([0.2 * imu, 0.0, 0.0]) * Rotation.from_rotvec(
+            [0.0, 0.0, np.deg2rad(12.0) * (imu == 1)]
+        )
+        data = ImuMessages(f'imu_{imu + 1}').make(m.stamp_ns, q.as_quat())
+        made[i] = m._replace(orientation=q.as_quat(), data=data)
+    c = replace(configuration, models=('pcc_delta',)).with_options('pcc_delta', twist='tip')
+    summary = replay(write(tmp_path / 'in', made), c, tmp_path / 'out')
+    (text,) = summary.warnings
+    assert text == (
+        'pcc_delta: twist left over: 0.0° rms (mean +0.0°) in segment 1, 12.0° rms (mean +12.0°) in segment 2, '
+        '12.0° rms (mean -12.0°) in segment 3, 0.0° rms (mean +0.0°) in segment 4; pcc_delta.twist is tip, the other '
+        'forms are shared, base, heading: whose is it?'
+    )
+
+
+def test_an_end_of_a_segment_that_no_imu_feels_is_told(configuration, tmp_path):
+    values = {
+        'arm': {'length': 0.3},
+        'imus': {'ids': [1, 2, 3], 'positions': [0.1, 0.2, 0.29]},
+        'segments': {'lengths': [0.15, 0.15]},
+        'models': ['pcc_delta'],
+    }
+    summary = replay(write(tmp_path / 'in', make_samples(30)), validate(values), tmp_path / 'out')
+    assert [w for w in summary.warnings if 'no IMU is' in w] == [
+        'pcc_delta: segment 1 ends at 0.15 m, where no IMU is (the nearest is at 0.1 m): interpolated',
+        (
+            'pcc_delta: segment 2 ends at 0.3 m, where no IMU is (the nearest is at 0.29 m): '
+            'taken as straight past the last IMU'
+        ),
+    ]
+
+
 def test_a_recording_that_begins_in_a_burst_gives_whole_sweeps(configuration, tmp_path):
     made = make_samples(150)
     late = START_NS + 1100 * 10**6

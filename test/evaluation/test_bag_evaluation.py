@@ -9,8 +9,7 @@ from wrong_trials import MadeTrial, configured, imu_misplaced
 from sesa2.bags.replay import replay
 from sesa2.cli import main
 from sesa2.configuration import validate
-from sesa2.evaluation.bag_evaluation import _Estimate, _in_one_frame, evaluate_bag
-from sesa2.evaluation.drawn_pose import DrawnPose
+from sesa2.evaluation.bag_evaluation import evaluate_bag, in_one_frame
 from sesa2.evaluation.trajectory import Trajectory
 
 
@@ -18,8 +17,7 @@ def test_an_imu_on_the_base_leaves_the_way_between_the_frames_unknown():
     c = validate({'arm': {'length': 0.4}, 'imus': {'ids': [1], 'positions': [0.2], 'base_id': 8}})
     c = replace(c, arm=replace(c.arm, base_orientation=(1.0, 0.0, 0.0, 0.0)))
     truth = Trajectory([0.0, 1.0], np.ones((2, 1, 3)), ('A',))
-    pose = DrawnPose([0.0, 0.4], np.zeros((2, 3)))
-    same, told = _in_one_frame(truth, 'world', _Estimate(c, {'pcc': truth}, 'base_link', pose), 'none')
+    same, told = in_one_frame(truth, 'world', c, 'base_link', 'none')
     assert same is truth
     assert 'the way from one to the other is not known' in told[0]
 

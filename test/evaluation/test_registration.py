@@ -145,6 +145,18 @@ def test_an_arm_that_does_not_turn_is_given_no_offsets_but_a_translation():
     assert np.linalg.norm(found.offsets) < 0.021
 
 
+def test_with_a_turn_offsets_that_noise_alone_tells_stay_small():
+    """Of an arm that hardly bends; where it bends, the same noise does no harm."""
+    for bend, most in ((0.01, 0.01), (0.6, 0.003)):
+        rng = np.random.default_rng(12)
+        links = Rotation.from_rotvec(rng.normal(0.0, bend, (200, 3)))
+        p = links.apply([0.0, 0.0, 0.3])[:, None] + rng.normal(0.0, 0.03, (200, 1, 3))
+        offset = np.array([0.0, 0.0, 0.0])
+        truth = p + links.apply(offset)[:, None] + rng.normal(0.0, 0.004, p.shape)
+        found = fit_registration('rigid+offsets', p, truth, None, links.as_quat()[:, None])
+        assert np.linalg.norm(found.offsets) < most
+
+
 def test_offsets_need_orientations():
     p = np.zeros((5, 1, 3))
     with pytest.raises(EvaluationError, match='offsets needs the orientations of the markers'):

@@ -24,7 +24,7 @@ def made(request):
         'arm': {'length': 0.3, 'base_orientation': [0.1, 0.2, 0.3, 0.927]},
         'imus': {'ids': [1, 2, 3], 'positions': [0.1, 0.2, 0.29]},
         'markers': {'names': ['M2', 'M1'], 'positions': [0.25, 0.12]},
-        'models': ['rigid', 'pcc', 'pcc_exact'],
+        'models': ['rigid', 'pcc', 'pcc_exact', 'pcc_delta'],
         'links': 5,
     }
     values['arm']['output_frame'] = 'world' if request.param == 'a' else 'base'
@@ -88,6 +88,8 @@ def test_the_numbers_are_at_their_places(made):
                 np.testing.assert_array_equal(np.reshape(got, (-1, 3)), result.markers[i])
                 got = [xyzw(p.orientation) for p in message.poses]
                 np.testing.assert_array_equal(np.reshape(got, (-1, 4)), result.marker_orientations[i])
+            elif kind == 'coordinates':
+                np.testing.assert_array_equal(message.position, result.coordinates[i])
             elif kind == 'tip':
                 assert message.header.frame_id == configuration.frame_id
                 np.testing.assert_array_equal(
@@ -106,6 +108,25 @@ def test_the_numbers_are_at_their_places(made):
                     assert marker.header.frame_id == configuration.frame_id
                 assert line.id != spheres.id
                 assert line.scale.x == 0.025
+
+
+def test_coordinates_are_a_joint_state_for_models_that_have_some(made):
+    _, estimate, messages = made
+    (topic,) = [t for t in messages.topics if t.name.endswith('/coordinates')]
+    assert topic == ('pcc_delta/coordinates', 'sensor_msgs/msg/JointState')
+    result = estimate.models['pcc_delta']
+    for k, row in enumerate(messages.make(topic, estimate)):
+        message = check_bytes(row, topic.type)
+        assert stamp(message.header) == STAMPS[k]
+        assert message.name[:4] == [
+            'segment_1_bend_x',
+            'segment_1_bend_y',
+            'segment_1_length',
+            'segment_2_bend_x',
+        ]
+        np.testing.assert_array_equal(message.position, result.coordinates[k])
+        assert len(message.name) == len(message.position) == 12
+    np.testing.assert_allclose(result.coordinates[:, 2::3], np.tile([0.1, 0.1, 0.09, 0.01], (2, 1)))
 
 
 def test_a_measured_base_turns_by_joints_behind_the_arms():

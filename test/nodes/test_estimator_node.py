@@ -207,6 +207,30 @@ def test_sweeps_that_a_model_could_not_solve_are_warned_of(graph, configured):
     assert counts == {'fallen_back': '1'}
 
 
+def test_coordinates_are_published_and_much_twist_is_warned_of(graph, configured):
+    node = graph.add(
+        EstimatorNode(
+            parameter_overrides=configured(
+                {**VALUES, 'imus': {'ids': [2, 5], 'positions': [0.1, 0.3]}, 'models': ['pcc_delta']}
+            )
+        )
+    )
+    got = graph.listen(JointState, 'pcc_delta/coordinates', STREAM)
+    diagnosis = graph.diagnosis()
+    graph.matched('/diagnostics')
+    sensors = Sensors(graph, (2, 5))
+    sensors.say(2, T0, from_rotation_vector([0.0, 0.4, 0.0]))
+    sensors.say(5, T0 + MS, from_rotation_vector([0.0, 0.4, 0.2]))
+    (message,) = graph.until(lambda: got, 'coordinates')
+    assert tuple(message.name) == node.configuration.create_model('pcc_delta').coordinate_names
+    np.testing.assert_allclose(message.position[:3], [0.4, 0.0, 0.1], atol=1e-12)
+    level, text, values = graph.until(lambda: diagnosis.of('estimator: pcc_delta twist'), 'a warning')[-1]
+    assert level == DiagnosticStatus.WARN
+    assert text.endswith('pcc_delta.twist is shared, the other forms are tip, base, heading: whose is it?')
+    assert set(values) == {'segment_1_deg', 'segment_2_deg'}
+    assert 10.0 < float(values['segment_2_deg']) < 12.0
+
+
 def test_two_publishers_on_one_topic_are_an_error(graph, node):
     diagnostics = graph.listen(DiagnosticArray, '/diagnostics', 10)
     sensors = [Sensors(graph, (2,)), Sensors(graph, (2,))]

@@ -24,9 +24,10 @@ from sesa2.nodes.serial_bridge import SerialBridge
 from sesa2.ros.qos import LATCHED, STREAM
 
 KINDS = ('joint_states', 'markers', 'tip', 'shape')
+TOPICS = [f'{model}/{kind}' for model in ('rigid', 'pcc_delta') for kind in KINDS] + ['pcc_delta/coordinates']
 
 
-def values(bag, port='', models=('rigid', 'pcc_exact'), **record):
+def values(bag, port='', models=('rigid', 'pcc_delta'), **record):
     return {
         'arm': {'length': 0.3, 'base_orientation': [0.6, 0.0, 0.0, 0.8]},
         'imus': {'ids': [2, 3, 5], 'positions': [0.1, 0.2, 0.3], 'headings': [0.5, -1.0, 2.0]},
@@ -50,7 +51,7 @@ def live(graph, configured, boards):
         recorder = graph.add(Recorder(parameter_overrides=overrides))
         estimator = graph.add(EstimatorNode(parameter_overrides=overrides))
         if record.get('results', True):
-            graph.matched(*(f'{model}/{kind}' for model in ('rigid', 'pcc_exact') for kind in KINDS))
+            graph.matched(*TOPICS)
         bridge = graph.add(SerialBridge(parameter_overrides=overrides))
         return recorder, estimator, bridge
 
@@ -114,7 +115,7 @@ def test_the_bag_holds_what_was_on_the_graph_and_explains_itself(graph, live, tm
         text = typestore().deserialize_cdr(first.data, STRING).data
         assert files.parse(text, 'bag') == c
         assert sum(topic.count for topic in recording.topics.values()) == n
-        expected = {f'/{model}/{kind}' for model in c.models for kind in KINDS}
+        expected = {f'/{topic}' for topic in TOPICS}
         expected |= {f'/imu_{i}/{topic}' for i in (2, 3, 5) for topic in ('data', 'calibration')}
         assert set(recording.topics) == expected | {'/configuration'}
         assert all(recording.topics[name].count for name in expected)
@@ -166,22 +167,25 @@ def test_a_replay_gives_what_live_gave(graph, live, tmp_path):
     live_bag, offline = messages_by_topic(tmp_path / 'bag'), messages_by_topic(tmp_path / 'again')
     for i in (2, 3, 5):
         assert [m.data for m in offline[f'/imu_{i}/data']] == [m.data for m in live_bag[f'/imu_{i}/data']]
-    for model in ('rigid', 'pcc_exact'):
-        for kind in KINDS:
-            given = {stamp_ns(m): m.data for m in live_bag[f'/{model}/{kind}']}
-            replayed = {stamp_ns(m): m.data for m in offline[f'/{model}/{kind}']}
-            # Just after discovery the two may hear another first sample of each IMU; and the end of the recording
-            # closes a sweep that live was still waiting for.
-            settled = sorted(given)[20:]
-            assert len(settled) > 100
-            assert settled == [s for s in sorted(replayed) if settled[0] <= s <= settled[-1]]
-            differing = [s for s in settled if not same_numbers(given[s], replayed[s])]
-            assert not differing, f'{model}/{kind}: {len(differing)} of {len(settled)}'
+    for topic in TOPICS:
+        given = {stamp_ns(m): m.data for m in live_bag[f'/{topic}']}
+        replayed = {stamp_ns(m): m.data for m in offline[f'/{topic}']}
+        # Just after discovery the two may hear another first sample of each IMU; and the end of the recording
+        # closes a sweep that live was still waiting for.
+        settled = sorted(given)[20:]
+        assert len(settled) > 100
+        assert settled == [s for s in sorted(replayed) if settled[0] <= s <= settled[-1]]
+        differing = [s for s in settled if not same_numbers(given[s], replayed[s])]
+        assert not differing, f'{topic}: {len(differing)} of {len(settled)}'
 
 
 def recorder_is_behind(recorder, estimator):
     counts, channels = recorder._bag.counts, recorder._bag._channels
-    return any(counts[n] < estimator.n_sweeps for n, c in channels.items() if c.name.endswith(KINDS))
+    return any(
+        counts[n] < estimator.n_sweeps
+        for n, c in channels.items()
+        if c.name.endswith((*KINDS, 'coordinates'))
+    )
 
 
 def same_numbers(one, other):
@@ -233,7 +237,7 @@ def test_after_a_kill_all_but_the_last_second_is_replayed(graph, configured, boa
     assert stamps[-1] > killed - 1.0
     # Without a hole before.
     assert np.diff(stamps).max() < 0.5
-    assert messages_by_topic(tmp_path / 'again')['/pcc_exact/tip']
+    assert messages_by_topic(tmp_path / 'again')['/pcc_delta/tip']
 
 
 class Source:

@@ -154,3 +154,12 @@ def test_what_cannot_be_is_refused():
 def test_outside_the_stretch():
     got = outside_stretch([[0.09, 0.21], [0.1, np.nan], [0.131, 0.2]], [0.1, 0.2], (0.95, 1.3))
     np.testing.assert_array_equal(got, [[True, False], [False, False], [True, False]])
+
+
+def test_mean_radii_are_those_of_backbones_that_tell_length_and_bend():
+    angles = [0.0, 2.0, 4.0]
+    assert BackboneLengths(1, 3, angles=angles, radii=[0.02, 0.03, 0.04]).mean_radii == pytest.approx([0.03])
+    opposite = BackboneLengths(1, 2, angles=[0.0, np.pi], radii=[0.03])
+    assert opposite.mean_radii == (0.0,)
+    both = BackboneLengths(1, 4, angles=[*angles, 0.0], radii=[0.03, 0.03, 0.03, 0.0])
+    assert both.mean_radii == (0.0,)

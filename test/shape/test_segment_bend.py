@@ -85,6 +85,29 @@ def test_shared_is_the_least_error_of_orientation(rng):
         np.testing.assert_allclose(found.x, expected, atol=1e-6)
 
 
+@pytest.mark.parametrize('owner', ['tip', 'base', 'heading'])
+def test_the_owner_of_the_twist_leaves_no_error_of_orientation(rng, owner):
+    """The minimum over bend and twist together, found from eq. 4's guess, is the closed form, and is zero."""
+    q = about_z(0.3 * rng.normal(size=12)) * arc(bends(rng, 12, 1.5)) * about_z(0.3 * rng.normal(size=12))
+    vertical = np.array([0.2, -0.3, 0.9]) / np.linalg.norm([0.2, -0.3, 0.9])
+    got = fit_bend(q.as_quat(), owner, vertical)
+
+    def made(x):
+        turn = Rotation.from_rotvec(x[2] * (vertical if owner == 'heading' else UP))
+        return arc(x[:2]) * turn if owner == 'tip' else turn * arc(x[:2])
+
+    for one, bend, twist in zip(q, got.bend, got.twist, strict=True):
+        start = [one.as_matrix()[0, 2], one.as_matrix()[1, 2], 0.0]
+        found = minimize(
+            lambda x, one=one: 1.0 - (one * made(x).inv()).as_quat()[3] ** 2,
+            start,
+            method='BFGS',
+            options={'gtol': 1e-10},
+        )
+        np.testing.assert_allclose(found.x, [*bend, twist], atol=1e-5)
+        assert found.fun < 1e-10
+
+
 def test_shared_bends_halfway_between_tip_and_base(rng):
     """With ψ / 2 of twist at each end; tan of half the bend is large by 1 / cos(ψ/2)."""
     expected, twist = bends(rng), rng.uniform(-1.0, 1.0, 300)
