@@ -95,6 +95,8 @@ class BackboneLengths:
             if not d[i] >= 0.0:
                 raise GeometryError(f'radii[{i}] = {d[i]} m, expected at least 0')
         self.n_segments, self.n_backbones = m, n
+        self.radii = d
+        self._runs = last, first, phi, d
         through = (np.arange(1, m + 1) >= first[:, None]) & (np.arange(1, m + 1) <= last[:, None])
         # Radii are taken against the largest, so that all unknowns have one unit and rounding one scale.
         largest = d.max() or 1.0
@@ -173,6 +175,20 @@ class BackboneLengths:
         lengths = np.asarray(lengths, dtype=float)
         own = np.concatenate([lengths[..., None], np.asarray(bends, dtype=float)], axis=-1)
         return own.reshape(*lengths.shape[:-1], -1) @ self._system.reshape(self.n_backbones, -1).T
+
+    def uncalibrated(self, lengths: ArrayLike) -> FloatArray:
+        """What is said of backbones of these lengths, (..., n), m: the inverse of `calibrated`."""
+        return np.asarray((np.asarray(lengths, dtype=float) - self._offsets) / self._scales)
+
+    def chosen(self, which: Sequence[int]) -> 'BackboneLengths':
+        """Some of the backbones, by their places among all; as they are, without scale and offset."""
+        last, first, phi, d = (values[list(which)] for values in self._runs)
+        return BackboneLengths(self.n_segments, len(which), last, first, phi, d)  # type: ignore[arg-type]
+
+    @property
+    def drives(self) -> bool:
+        """Whether they are just enough to drive the arm: three a segment, which tell its length and its bend."""
+        return self.n_backbones == 3 * self.n_segments and not self.untold and bool(self._told_bend.all())
 
 
 def outside_stretch(lengths: ArrayLike, rest: ArrayLike, stretch: Sequence[float]) -> np.ndarray:

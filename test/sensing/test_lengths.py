@@ -163,3 +163,19 @@ def test_mean_radii_are_those_of_backbones_that_tell_length_and_bend():
     assert opposite.mean_radii == (0.0,)
     both = BackboneLengths(1, 4, angles=[*angles, 0.0], radii=[0.03, 0.03, 0.03, 0.0])
     assert both.mean_radii == (0.0,)
+
+
+def test_chosen_ones_run_where_they_did_and_what_is_said_can_be_undone():
+    both = BackboneLengths(
+        2, 7, [1] * 4 + [2] * 3, [1], [0.0, *THIRDS, *THIRDS], [0.0] + [0.03] * 6, [2.0], [0.01]
+    )
+    assert not both.drives
+    racks = both.chosen([1, 2, 3, 4, 5, 6])
+    assert racks.drives
+    lengths, bends = np.array([0.12, 0.2]), np.array([[0.3, -0.4], [0.1, 0.2]])
+    said = both.uncalibrated(both.backbones(lengths, bends))
+    np.testing.assert_allclose(both.read(said).lengths, lengths, atol=1e-12)
+    own = both.backbones(lengths, bends)[1:]
+    np.testing.assert_allclose(racks.backbones(lengths, bends), own, atol=1e-12)
+    np.testing.assert_allclose(racks.read(own).bends, bends, atol=1e-12)
+    assert not both.chosen([1, 2, 3]).drives

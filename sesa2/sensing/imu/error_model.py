@@ -18,6 +18,7 @@ SOURCES: dict[str, tuple[str, ...]] = {
     'quantisation': ('step',),
 }
 _TIME_CONSTANTS = ('heading_time', 'tilt_time')
+_ANGLES = ('mounting', 'heading', 'heading_wander', 'tilt', 'white')
 
 
 class ErrorModelError(Sesa2Error):
@@ -81,6 +82,10 @@ class Bno055Errors:
             raise ErrorModelError(f'source {unknown[0]!r} is not known, expected one of {", ".join(SOURCES)}')
         off = {field: 0.0 for name, those in SOURCES.items() if name not in sources for field in those}
         return replace(self, **off)
+
+    def times(self, factor: float) -> 'Bno055Errors':
+        """The same model with all angles so many times as large; times and resolution stay."""
+        return replace(self, **{name: factor * getattr(self, name) for name in _ANGLES})
 
 
 class Measurement(NamedTuple):
