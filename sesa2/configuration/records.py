@@ -8,6 +8,9 @@ from typing import Any, get_type_hints
 import numpy as np
 
 from sesa2.configuration.magnetic_sections import MagnetometerSection, MagnetSection, magnetic_readings
+from sesa2.plant.plant import Plant
+from sesa2.plant.plant_options import PlantOptions
+from sesa2.sensing.imu.error_model import Bno055Errors
 from sesa2.sensing.lengths import BackboneLengths
 from sesa2.shape.arm import Arm, GeometryError
 from sesa2.shape.layout import Layout
@@ -28,6 +31,9 @@ class Run:
     )
     mode: str = parameter(
         'stream', 'estimate the shape, or calibrate the sensors', choices=('stream', 'calibrate')
+    )
+    plant: bool = parameter(
+        True, 'with the source sim, an arm whose lengths are measured is one that obeys `command`'
     )
     bag: str = parameter('', 'recording that the source `bag` plays')
     rate: float = parameter(1.0, 'speed of playing, 1 is real time', above=0.0)
@@ -224,6 +230,7 @@ class Configuration:
     serial: Serial = field(default_factory=Serial)
     calibration: Calibration = field(default_factory=Calibration)
     record: Record = field(default_factory=Record)
+    plant: PlantOptions = field(default_factory=PlantOptions)
 
     @property
     def layout(self) -> Layout:
@@ -320,6 +327,37 @@ class Configuration:
         options, layout = self.options[name], layout or self.layout
         shared = {name: getattr(self, name) for name in _shared() if hasattr(options, name)}
         return MODELS[name](layout, replace(options, **shared).filled(layout.n_imu))
+
+    @property
+    def has_plant(self) -> bool:
+        """Whether the arm is a simulated one that racks drive."""
+        return self.run.source == 'sim' and self.run.plant and self.has_lengths and not self.run.trial
+
+    def create_plant(self, **options: Any) -> Plant:
+        """The simulated arm, with the segments, backbones and IMUs of this one.
+
+        Parameters
+        ----------
+        options
+            other values of the section `plant`.
+
+        Raises
+        ------
+        GeometryError
+            no length is measured, or the section does not fit the arm.
+        """
+        chosen = replace(self.plant, **options)
+        errors = Bno055Errors().times(chosen.imu_errors)
+        return Plant(
+            chosen,
+            segment_lengths=self.segments.lengths,
+            backbones=self.backbones,
+            imu_positions=self.imus.positions,
+            base=self.base,
+            base_imu=self.imus.base_id != 0,
+            # What does not fuse has no errors of fusion.
+            errors=errors.only('mounting') if self.serial.fusion == 'RAW' else errors,
+        )
 
     def flat(self) -> dict[str, Any]:
         """Every parameter by its dotted name, as ROS wants them."""

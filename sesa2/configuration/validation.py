@@ -269,6 +269,11 @@ def _check(c: Configuration) -> list[Mistake]:
             "got 'calibrate', which needs the source sim or serial",
         )
         expect(c.calibration.file != '', 'calibration.file', "is empty, and the mode is 'calibrate'")
+    if not mistakes and c.has_plant:
+        try:
+            c.create_plant()
+        except GeometryError as error:
+            mistakes.append(Mistake('plant', str(error)))
     if not mistakes:
         for name in c.models:
             try:

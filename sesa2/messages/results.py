@@ -71,7 +71,7 @@ class ResultMessages:
                 'joint_states': _joint_state(joints, moving=False),
                 'markers': CdrLayout().header(frame).uint32(markers).doubles(7 * markers),
                 'tip': CdrLayout().header(frame).doubles(7),
-                'shape': _path(frame, n + 1),
+                'shape': path_layout(frame, n + 1),
                 'marker_array': _marker_array(frame, name, n + 1, configuration),
             }
             if model.coordinate_names:
@@ -127,7 +127,8 @@ def _joint_state(joints: Sequence[str], *, moving: bool) -> CdrLayout:
     return layout.uint32(0)
 
 
-def _path(frame: str, n: int) -> CdrLayout:
+def path_layout(frame: str, n: int) -> CdrLayout:
+    """A nav_msgs/Path of n poses."""
     layout = CdrLayout().header(frame).uint32(n)
     for _ in range(n):
         layout.header(frame).doubles(7)

@@ -3,10 +3,14 @@
 from sesa2.configuration import Configuration
 
 CLOCK = '/clock'
+BACKBONE_LENGTHS = 'backbone_lengths'
+COMMAND = 'command'
 CONFIGURATION = 'configuration'
 DIAGNOSTICS = '/diagnostics'
+TRUTH_COORDINATES = 'truth/coordinates'
 TRUTH_MARKERS = 'truth/markers'
 TRUTH_SHAPE = 'truth/shape'
+TRUTH_TIP = 'truth/tip'
 
 
 def absolute(name: str) -> str:

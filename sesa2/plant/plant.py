@@ -50,6 +50,8 @@ class Plant:
     ----------
     time
         since the start, s.
+    home : (m,)
+        lengths of the segments at the start, m.
     racks
         where the racks run, three a segment.
     driven : (3 m,) or (0,)
@@ -89,6 +91,7 @@ class Plant:
         self.driven = beside if known else beside[:0]
         self.racks = backbones.chosen(beside.tolist()) if known else _three_each(m)
         self._racks = Racks(self.racks, rest, options, np.random.default_rng(drive_seed))
+        self.home = self._racks.home
         rng = np.random.default_rng(shape_seed)
         self.affine = options.affine + options.affine_spread * rng.standard_normal(m)
         self._hollow = np.full(m, options.hollow)
@@ -156,8 +159,8 @@ class Plant:
         """What the IMUs measure, (n_imu, 4) or one more with that on the base: q_WL with all errors, x y z w."""
         return self.imu_orientations_at(self.time)
 
-    def imu_orientations_at(self, time: float) -> FloatArray:
-        """The same where they are read at a time that has passed, s; new noise at each call."""
+    def imu_orientations_at(self, time: float | FloatArray) -> FloatArray:
+        """The same where they are read at times that have passed, s, (...) + (n_imu, 4); new noise at each call."""
         return self.imus.measured(self.link_orientations_at(time - self.latency))
 
     # The truth

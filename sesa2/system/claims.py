@@ -14,7 +14,8 @@ from std_msgs.msg import Empty
 from sesa2.configuration import Configuration
 from sesa2.errors import Sesa2Error
 from sesa2.messages.results import TYPES
-from sesa2.messages.topic_names import CLOCK, imu_topics, of_model
+from sesa2.messages.topic_names import BACKBONE_LENGTHS, CLOCK, imu_topics, of_model
+from sesa2.messages.truth_messages import TRUTH_TYPES
 
 # Others on this machine are known by then, as a rule; who is not is found while running.
 _DISCOVERY_S = 0.5
@@ -141,6 +142,8 @@ def claimed_topics(c: Configuration) -> list[str]:
         topics += [of_model(model, kind) for model in c.models for kind in TYPES]
     if c.run.source != 'external':
         topics += imu_topics(c).values()
+    if c.has_plant:
+        topics += [BACKBONE_LENGTHS, *TRUTH_TYPES]
     if c.run.source == 'bag' and c.run.clock:
         topics.append(CLOCK)
     return topics

@@ -84,13 +84,15 @@ class Terminal:
         return ' | '.join(parts)
 
     def _true_tip(self, stamp_ns: int, c: Configuration) -> FloatArray | None:
-        """Where the tip was that the virtual board plays, in the output frame; (3,), m."""
+        """Where the tip was that the plant or the virtual board plays, in the output frame; (3,), m."""
+        if self._system.plant:
+            return self._system.plant.tip_at(stamp_ns)
         board = next(iter(self._system.boards), None)
         if board is None or c.run.trial:  # the arm of a trial is no arcs: its truth is in the trial
             return None
         # Stamps are of the wall clock; boards know the steady one. All of them play the same arm.
         at_ns = stamp_ns - (time.time_ns() - steady_ns())
-        orientations = board.truth(board.motion_time(at_ns))[-len(c.imus.ids) :]
+        orientations = board.truth(board.motion_time(at_ns))[: len(c.imus.ids)]
         tip = (
             create_model('pcc_exact', c.layout)
             .fit(Measured(orientations, c.base, c.layout.rest_lengths))

@@ -16,6 +16,7 @@ from sesa2.faults import fault_line
 from sesa2.link.virtual.virtual_board import VirtualBoard
 from sesa2.nodes.calibration import CalibrationNode
 from sesa2.nodes.estimator import EstimatorNode
+from sesa2.nodes.plant import PlantNode
 from sesa2.nodes.player import Player
 from sesa2.nodes.recorder import Recorder
 from sesa2.nodes.serial_bridge import SerialBridge
@@ -53,7 +54,7 @@ class System:
     nodes
         those that run now.
     boards
-        the virtual boards, where the source is `sim`.
+        the virtual boards, where the source is `sim` and no plant has them.
     configuration
         of what runs, or ran last; None before the first start.
     lost
@@ -122,10 +123,6 @@ class System:
         self.check_claims(configuration)
         served = configuration
         try:
-            if configuration.run.source == 'sim':
-                self.boards = make_virtual_boards(configuration)
-                serial = configuration.serial.on([board.path for board in self.boards])
-                served = replace(configuration, serial=serial)
             if configuration.run.source == 'bag':
                 # Seen before the recorder makes a bag that nothing would go into.
                 with open_recording(configuration.run.bag) as recording:
@@ -138,6 +135,10 @@ class System:
                 'namespace': self.namespace,
                 'use_global_arguments': False,
             }
+            if configuration.run.source == 'sim':
+                boards = self._simulate(configuration)
+                serial = configuration.serial.on([board.path for board in boards])
+                served = replace(configuration, serial=serial)
             for make in _wanted(configuration):
                 # The ports of virtual boards are of no use to anybody else, nor in a file that is saved.
                 own = {'parameter_overrides': overrides(served)} if make is SerialBridge else {}
@@ -145,6 +146,15 @@ class System:
         except Sesa2Error:
             self.stop()
             raise
+
+    def _simulate(self, configuration: Configuration) -> list[VirtualBoard]:
+        """Virtual boards, on an arm that racks drive where the configuration has one."""
+        if not configuration.has_plant:
+            self.boards = make_virtual_boards(configuration)
+            return self.boards
+        plant = PlantNode(**self._options)
+        self._keep(plant)
+        return plant.boards
 
     def wait_until_it_runs(self) -> None:
         """Wait until the board streams or the recording plays, where there is one, or it is known that it will not.
@@ -241,6 +251,11 @@ class System:
     def bridge(self) -> SerialBridge | None:
         """The serial bridge, where one runs."""
         return self._running(SerialBridge)
+
+    @property
+    def plant(self) -> PlantNode | None:
+        """The simulated arm that racks drive, where one runs."""
+        return self._running(PlantNode)
 
     @property
     def calibration(self) -> CalibrationNode | None:

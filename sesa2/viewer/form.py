@@ -17,6 +17,7 @@ _RUN = {
         'run.source': 'source',
         'run.mode': 'mode',
         'run.trial': 'simulated trial',
+        'run.plant': 'sim obeys commands',
     },
     'Board': {
         'serial.port': 'port',
@@ -109,8 +110,11 @@ class Form:
             self._flat = c.flat()
             with self._run_tab:
                 self._add_folders(_RUN)
+                self._add_folder('Simulated arm', _all_of('plant'), expand=False)
             with self._arm_tab:
                 self._add_folder('Arm', _ARM['Arm'])
+                self._add_folder('Segments', _all_of('segments'), expand=bool(c.segments.lengths))
+                self._add_folder('Measured lengths', _all_of('lengths'), expand=c.has_lengths)
                 self._add_markers(c)
                 self._add_models(c)
                 self._add_folder('Links', _ARM['Links'] | _options_of_models())
@@ -305,6 +309,11 @@ def _options_of_models() -> dict[str, str]:
         for path, _, _ in leaves()
         if path.partition('.')[0] in MODELS and path not in shown
     }
+
+
+def _all_of(section: str) -> dict[str, str]:
+    """All of a section: their path and a label."""
+    return {path: path.partition('.')[2] for path, _, _ in leaves() if path.partition('.')[0] == section}
 
 
 def _set_label(folder: viser.GuiFolderHandle, id_: Any, position: Any, enabled: bool) -> None:

@@ -36,8 +36,8 @@ def system(boards, request):
     frame, base_id = request.param
     c = configured(frame, base_id)
     q = np.array([link.as_quat() for link in LINKS])
-    rows = np.vstack([[TILTED.as_quat()], q]) if base_id else q
-    board = boards(VirtualArm((base_id, 2, 5) if base_id else (2, 5), halted(rows)))
+    rows = np.vstack([q, [TILTED.as_quat()]]) if base_id else q
+    board = boards(VirtualArm((2, 5, base_id) if base_id else (2, 5), halted(rows)))
     sweep = Sweep(time.time_ns(), q, np.ones(2, bool), TILTED.as_quat() if base_id else None)
     estimator = SimpleNamespace(
         configuration=c,
@@ -47,7 +47,7 @@ def system(boards, request):
         assembler=SimpleNamespace(dropped={'norm is not 1': 3}),
         unstamped=Counter({2: 4}),
     )
-    return SimpleNamespace(estimator=estimator, boards=[board], bridge=None, calibration=None)
+    return SimpleNamespace(estimator=estimator, boards=[board], plant=None, bridge=None, calibration=None)
 
 
 SETTINGS = [('base', 0), ('world', 0), ('base', 8), ('world', 8)]

@@ -43,7 +43,6 @@ _READ_IMU_US = {0: 450, 1: 1_440}  # one IMU's share of a sweep at 400 and at 10
 _READ_RAW_IMU_US = {0: 710, 1: 2_330}
 _GYROSCOPE_US = 1_000  # before and after a reading, between which the turn is what a gyroscope measures
 _ENTRY_BYTES = {Stream.QUATERNIONS: 10, Stream.ACCELERATION: 6, Stream.RAW: 13, Stream.MAGNETOMETER: 6}
-_AHEAD = 16
 POWER_ON, EXTERNAL_RESET = 0x01, 0x02
 
 _ABOUT_ONE = (Command.WRITE_OFFSETS, Command.READ_OFFSETS, Command.RESET_IMU)
@@ -71,6 +70,8 @@ class Firmware:
         Protocol version and firmware version to claim.
     reset_cause
         Register MCUSR: `POWER_ON` or `EXTERNAL_RESET`.
+    ahead
+        How many sweeps are measured at once, ahead of their time; 1 where the motion is not known before.
     """
 
     def __init__(
@@ -84,6 +85,7 @@ class Firmware:
         version: int = VERSION,
         release: tuple[int, int] = FIRMWARE,
         reset_cause: int = POWER_ON,
+        ahead: int = 16,
     ) -> None:
         self._chips = chips
         self._measure = measure
@@ -107,6 +109,7 @@ class Firmware:
         self._sweep_us = 0
         self._sweep_due_us = 0
         self._sent_us = NEVER
+        self._n_ahead = ahead
         self._ahead: dict[int, tuple[FloatArray, FloatArray]] = {}
         self._out: list[bytes] = []
         self.tx_dropped = 0
@@ -269,10 +272,10 @@ class Firmware:
             n, scan_us = len(self._ids), self._scan_us()
             rows = [k for k, imu_id in enumerate(self._ids) if imu_id in self._chips]
             ids = [self._ids[k] for k in rows]
-            starts = self._sweep_us + max(self._period_us(), scan_us) * np.arange(_AHEAD)
+            starts = self._sweep_us + max(self._period_us(), scan_us) * np.arange(self._n_ahead)
             read_us = starts[:, np.newaxis] + scan_us * (np.array(rows) + 0.5) / n
             headings = np.array([self._chips[i].heading for i in ids])
-            q, w = np.tile([0.0, 0.0, 0.0, 1.0], (_AHEAD, n, 1)), np.zeros((_AHEAD, n, 3))
+            q, w = np.tile([0.0, 0.0, 0.0, 1.0], (self._n_ahead, n, 1)), np.zeros((self._n_ahead, n, 3))
             q[:, rows] = self._measure(ids, read_us, headings)
             if self._raw:
                 before, after = (

@@ -49,6 +49,8 @@ class VirtualBoard:
         Protocol version and firmware version to claim.
     seed
         Of what differs between chips, and of the faults.
+    ahead
+        How many sweeps are measured at once, ahead of their time; 1 where the motion is not known before.
 
     Raises
     ------
@@ -69,6 +71,7 @@ class VirtualBoard:
         version: int = VERSION,
         release: tuple[int, int] = FIRMWARE,
         seed: int = 0,
+        ahead: int = 16,
     ) -> None:
         self.arm = arm
         self._link = Path(link) if link else None
@@ -77,6 +80,7 @@ class VirtualBoard:
         self._boot_us = round(boot_s * 1e6)
         self._baud = baud
         self._number = number
+        self._ahead = ahead
         self._version = version
         self._release = release
         self._random = Random(seed)
@@ -195,6 +199,7 @@ class VirtualBoard:
             version=self._version,
             release=self._release,
             reset_cause=cause,
+            ahead=self._ahead,
         )
 
     def _measure(self, ids: Sequence[int], t_us: FloatArray, headings: FloatArray) -> FloatArray:
