@@ -93,6 +93,7 @@ class PlantNode(ConfinedNode):
         self._lengths_timer = self.create_timer(1.0 / _LENGTHS_HZ, self._publish_lengths)
         self._truth_timer = self.create_timer(1.0 / _TRUTH_HZ, self._publish_truth)
         self._look_timer = self.create_timer(_LOOK_EVERY_S, self._look)
+        self._look()
 
     def close(self) -> None:
         """End the boards."""
