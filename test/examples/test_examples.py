@@ -2,16 +2,19 @@
 
 import importlib.util
 import math
+import os
 import signal
+import tty
 
 import numpy as np
 import pytest
 from geometry_msgs.msg import PoseStamped
 from made_bags import stamps_of, write_bag
 from processes import REPOSITORY, Program, command
+from sensor_msgs.msg import JointState
 
 import sesa2
-from sesa2.ros.qos import STREAM
+from sesa2.ros.qos import ANY_STREAM, STREAM
 from sesa2.shape.model import MODELS
 
 EXAMPLES = REPOSITORY / 'examples'
@@ -56,6 +59,63 @@ def test_a_driver_of_another_imu_is_heard(graph, tmp_path):
     for tip in tips:
         assert abs(tip.pose.position.x) < 1e-9
         assert tip.pose.position.z > 0.5
+
+
+def test_counts_of_encoders_become_lengths(graph, tmp_path):
+    per_count = math.pi * 0.012 / 2048
+    device, port = os.openpty()
+    tty.setraw(port)
+    try:
+        with Program(
+            [EXAMPLES / 'length_driver.py', '--port', os.ttyname(port), 'b1', 'b2', 'b3'], tmp_path
+        ) as driver:
+            heard = graph.listen(JointState, 'backbone_lengths', ANY_STREAM)
+
+            def say(line):
+                before = len(heard)
+                os.write(device, line)
+                return before
+
+            # The first line may be the end of one that began before anybody listened.
+            def begun():
+                say(b'100 -32768 0\n')
+                return heard
+
+            graph.until(begun, 'the driver')
+            graph.until(lambda: heard[-1].name == ['b1', 'b2', 'b3'], 'its names')
+            np.testing.assert_allclose(heard[-1].position, 0.12)
+            say(b'200 32767 -50\n')  # the second has run over
+            graph.until(lambda: heard[-1].position[0] > 0.1201, 'another length')
+            np.testing.assert_allclose(
+                np.subtract(heard[-1].position, 0.12), per_count * np.array([100, -1, -50]), atol=1e-12
+            )
+            assert heard[-1].header.stamp.sec > 1_700_000_000
+            n = say(b'1 2\n')
+            say(b'1 x 3\n')
+            say(b'300 32')  # a line in two pieces
+            say(b'767 -50\n')
+            graph.until(lambda: len(heard) > n and heard[-1].position[0] > 0.12 + 199 * per_count, 'the next')
+            assert all(len(m.position) == 3 for m in heard)
+            assert min(m.position[2] for m in heard) > 0.12 - 51 * per_count  # the damaged ones are none
+            driver.until(lambda: 'lines damaged' in driver.errors, 'what it says of damaged lines')
+            driver.signal(signal.SIGINT)
+            assert driver.ended() == 0
+            assert 'Traceback' not in driver.errors
+    finally:
+        os.close(device)
+        os.close(port)
+
+
+def test_lengths_of_motors_that_nobody_has_are_heard_too(graph, tmp_path):
+    with Program([EXAMPLES / 'length_driver.py', 'b1', 'b2', 'b3'], tmp_path) as driver:
+        heard = graph.listen(JointState, 'backbone_lengths', ANY_STREAM)
+        graph.until(lambda: len(heard) > 50, 'fifty lengths')
+        driver.signal(signal.SIGINT)
+        assert driver.ended() == 0
+        assert 'Traceback' not in driver.errors
+    lengths = np.array([m.position for m in heard])
+    assert (np.abs(lengths - 0.12) < 0.08).all()
+    assert 0.0 < np.abs(np.diff(lengths, axis=0)).max() < 1e-3
 
 
 def test_replay_and_evaluate_from_python(tmp_path):
