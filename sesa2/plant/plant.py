@@ -195,8 +195,11 @@ class Plant:
 
     def link_orientations_at(self, time: float | FloatArray) -> FloatArray:
         """True q_WL where the IMUs are at times of the last steps, s, (...) + (n_imu, 4), x y z w; on the base last."""
-        _, q = self.shape(self._imu_places, self.coordinates_at(time))
-        q = multiply(self.base, q)
+        return self.link_orientations_of(self.coordinates_at(time))
+
+    def link_orientations_of(self, coordinates: FloatArray) -> FloatArray:
+        """The same of shapes by their coordinates, batch + (3 m,); batch + (n_imu, 4)."""
+        q = multiply(self.base, self.shape(self._imu_places, coordinates)[1])
         if not self._base_imu:
             return q
         return np.concatenate([q, np.broadcast_to(self.base, (*q.shape[:-2], 1, 4))], axis=-2)

@@ -81,15 +81,16 @@ def simulate(
         torque=torque,
         progress=progress,
     )
-    measurement = _measure(
-        configuration, states.times, states.orientations, errors or Bno055Errors(), error_seed
-    )
+    links = states.orientations
+    if configuration.imus.base_id:
+        links = np.concatenate([links, np.broadcast_to(base, (len(links), 1, 4))], axis=1)
+    measurement = measured_sweeps(configuration, states.times, links, errors or Bno055Errors(), error_seed)
     return Trial(
         base=base,
         times=states.times,
         imu_positions=imus,
         orientations=states.orientations,
-        sensor_ids=np.array(_sensor_ids(configuration)),
+        sensor_ids=np.array(configuration.imus.all_ids),
         stamps=measurement.stamps,
         measured=measurement.orientations,
         mountings=measurement.mountings,
@@ -105,23 +106,34 @@ def simulate(
     )
 
 
-def _sensor_ids(configuration: Configuration) -> list[int]:
-    imus = configuration.imus
-    return list(imus.all_ids)
-
-
-def _measure(
+def measured_sweeps(
     configuration: Configuration,
     times: FloatArray,
     links: FloatArray,
     errors: Bno055Errors,
     seed: np.random.SeedSequence,
 ) -> Measurement:
-    """Sweeps over the IMUs and, where there is one, the IMU on the base, which is read last."""
+    """Sweeps over the IMUs of a motion.
+
+    Parameters
+    ----------
+    configuration
+        mountings, headings and rate of the IMUs.
+    times : (n_times,)
+        s.
+    links : (n_times, n_sensors, 4)
+        true q_WL in the order of `imus.all_ids`: that of the base, which is read last, is the last.
+    errors
+        how large the errors are.
+    seed
+        of the errors.
+
+    Returns
+    -------
+    What was measured.
+    """
     mountings, headings = configuration.mountings, configuration.headings
     if configuration.imus.base_id:
-        on_base = np.broadcast_to(configuration.base, (len(links), 1, 4))
-        links = np.concatenate([links, on_base], axis=1)
         mountings = np.vstack([mountings, configuration.base_mounting])
         headings = np.append(headings, 0.0)
     last = times[-1] - errors.read_interval * links.shape[1]

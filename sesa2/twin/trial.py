@@ -59,7 +59,7 @@ class Trial:
     backbone : (n_backbone, n_nodes, 3)
         true positions of the nodes, m.
     energies : (n_times,)
-        kinetic, elastic and potential energy of the rod, J.
+        kinetic, elastic and potential energy of the rod, J; NaN where the arm is no rod.
     """
 
     base: FloatArray
