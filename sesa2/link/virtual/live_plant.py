@@ -81,10 +81,10 @@ class LivePlant:
             self.plant.push = np.array(bend, dtype=float)
 
     def motion(self, t: ArrayLike) -> FloatArray:
-        """What the IMUs measure at times t, s, none of which is still to come: q_WL, t.shape + (n_imu, 4), x y z w."""
+        """What the IMUs measure at times t, s: q_WL, t.shape + (n_imu, 4), x y z w; what is still to come as now."""
         at = np.asarray(t, dtype=float)
         with self._lock:
-            self._take_to(float(at.max()))
+            self._take_to(min(float(at.max()), self.now()))
             return self.plant.imu_orientations_at(at - self._stood_s)
 
     def said_lengths(self) -> tuple[float, FloatArray]:
