@@ -108,7 +108,7 @@ def _of_bag(
             f'{file}: {" and ".join(called_so)} are in it, expected the truth of one arm: --truth-topic says which'
         )
     ours = next(iter(called_so), '')
-    array = ours or next(iter(arrays), '') if len(arrays) == 1 else ''
+    array = ours or (next(iter(arrays)) if len(arrays) == 1 else '')
     try:
         if not ours or given:
             return find_bodies(capture.bodies, names, given, file), []

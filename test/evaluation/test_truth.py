@@ -112,6 +112,16 @@ def test_the_poses_of_an_array_are_the_markers_in_order(tmp_path):
     np.testing.assert_array_equal(truth.trajectory.positions[0], [[1, 2, 3], [4, 5, 6]])
 
 
+def test_estimates_beside_the_truth_are_not_taken_for_it(tmp_path):
+    places = {'/truth/markers': [(1, 2, 3), (4, 5, 6)], '/pcc/markers': [(7, 8, 9), (1, 1, 1)]}
+    messages = [
+        (topic, k, pose(1e7 * k, *two, array=True)) for topic, two in places.items() for k in range(3)
+    ]
+    truth = read_truth(write_topics(tmp_path / 'bag', messages), NAMES)
+    np.testing.assert_array_equal(truth.trajectory.positions[0], [[1, 2, 3], [4, 5, 6]])
+    assert truth.notes == ()
+
+
 def test_an_array_by_another_name_is_told_unless_it_was_asked_for(tmp_path):
     path = arrays(tmp_path, '/poses', [(1, 2, 3), (4, 5, 6)])
     [note] = read_truth(path, NAMES).notes
