@@ -8,8 +8,8 @@ from typing import Any, get_type_hints
 import numpy as np
 
 from sesa2.configuration.magnetic_sections import MagnetometerSection, MagnetSection, magnetic_readings
-from sesa2.plant.plant import Plant
 from sesa2.plant.plant_options import PlantOptions
+from sesa2.plant.simulated_arm import Plant
 from sesa2.sensing.imu.error_model import Bno055Errors
 from sesa2.sensing.lengths import BackboneLengths
 from sesa2.shape.arm import Arm, GeometryError

@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from sesa2.plant.plant import Plant
 from sesa2.plant.plant_options import PlantOptions
+from sesa2.plant.simulated_arm import Plant
 from sesa2.sensing.lengths import BackboneLengths
 
 THIRDS = [0.0, 2.0 * np.pi / 3.0, 4.0 * np.pi / 3.0]
