@@ -8,6 +8,8 @@ from typing import Any, get_type_hints
 import numpy as np
 
 from sesa2.configuration.magnetic_sections import MagnetometerSection, MagnetSection, magnetic_readings
+from sesa2.control.controller_options import ControllerOptions
+from sesa2.control.tip_controller import TipController
 from sesa2.plant.plant_options import PlantOptions
 from sesa2.plant.simulated_arm import Plant
 from sesa2.sensing.imu.error_model import Bno055Errors
@@ -231,6 +233,7 @@ class Configuration:
     calibration: Calibration = field(default_factory=Calibration)
     record: Record = field(default_factory=Record)
     plant: PlantOptions = field(default_factory=PlantOptions)
+    controller: ControllerOptions = field(default_factory=ControllerOptions)
 
     @property
     def layout(self) -> Layout:
@@ -327,6 +330,30 @@ class Configuration:
         options, layout = self.options[name], layout or self.layout
         shared = {name: getattr(self, name) for name in _shared() if hasattr(options, name)}
         return MODELS[name](layout, replace(options, **shared).filled(layout.n_imu))
+
+    @property
+    def has_controller(self) -> bool:
+        """Whether the tip is driven: the backbones that do it are named."""
+        return bool(self.controller.names)
+
+    def create_controller(self) -> TipController:
+        """The tip controller, with the segments, backbones and IMUs of this arm.
+
+        Raises
+        ------
+        ControlError, GeometryError
+            the backbones that it names do not drive the segments, or its limits leave nothing.
+        """
+        driven = [self.lengths.names.index(name) for name in self.controller.names]
+        places = dict(zip(self.imus.ids, self.imus.positions, strict=True))
+        return TipController(
+            self.controller,
+            segment_lengths=self.segments.lengths,
+            backbones=self.backbones.chosen(driven),
+            bend_max=self.segments.bend_max,
+            stretch=self.segments.stretch,
+            imu_positions=places | ({self.imus.base_id: 0.0} if self.imus.base_id else {}),
+        )
 
     @property
     def has_plant(self) -> bool:

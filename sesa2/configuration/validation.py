@@ -6,6 +6,7 @@ from dataclasses import replace
 from difflib import get_close_matches
 from typing import Any, NamedTuple, get_args, get_origin
 
+from sesa2.configuration.controller_checks import check_controller
 from sesa2.configuration.magnetic_checks import check_magnets
 from sesa2.configuration.records import Configuration, leaves, sections
 from sesa2.configuration.ros_names import is_frame_prefix, is_topic_name
@@ -280,6 +281,8 @@ def _check(c: Configuration) -> list[Mistake]:
                 c.create_model(name)
             except GeometryError as error:
                 mistakes.append(Mistake(name, str(error)))
+    if not mistakes:
+        check_controller(c, expect)
     return mistakes
 
 

@@ -33,10 +33,8 @@ class TipLaw(Protocol):
     def reset(self, command: FloatArray) -> None:
         """Begin from these coordinates, (3 m,)."""
 
-    def advance(
-        self, reference: TipReference, goal: FloatArray, feedback: TipFeedback, dt: float
-    ) -> FloatArray:
-        """Commanded coordinates after a step, (3 m,); goal (3 m,) are those that would reach the target."""
+    def advance(self, reference: TipReference, feedback: TipFeedback, dt: float) -> FloatArray:
+        """Commanded coordinates after a step of dt seconds, (3 m,)."""
 
     def settle(self, allowed: FloatArray, sent: FloatArray) -> None:
         """What its limits allow the arm of that, and what was sent after the limit of its speed, both (3 m,)."""

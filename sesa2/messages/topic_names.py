@@ -5,6 +5,7 @@ from sesa2.configuration import Configuration
 CLOCK = '/clock'
 BACKBONE_LENGTHS = 'backbone_lengths'
 COMMAND = 'command'
+TARGET = 'target'
 CONFIGURATION = 'configuration'
 DIAGNOSTICS = '/diagnostics'
 TRUTH_COORDINATES = 'truth/coordinates'

@@ -97,12 +97,10 @@ class TipControllerNode(ConfinedNode):
 
     def _take_target(self, message: PointStamped) -> None:
         frame, p = message.header.frame_id, message.point
+        if frame != self._frame:
+            self._refuse('target', f'target in the frame {frame!r}, expected {self._frame!r}; the one before stays')
+            return
         try:
-            if frame != self._frame:
-                self.controller.refused['targets'] += 1
-                raise ControlError(
-                    f'target in the frame {frame!r}, expected {self._frame!r}; the one before stays'
-                )
             self.controller.hear_target([p.x, p.y, p.z])
         except ControlError as error:
             self._refuse('target', str(error))

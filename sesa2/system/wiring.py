@@ -20,6 +20,7 @@ from sesa2.nodes.plant import PlantNode
 from sesa2.nodes.player import Player
 from sesa2.nodes.recorder import Recorder
 from sesa2.nodes.serial_bridge import SerialBridge
+from sesa2.nodes.tip_controller import TipControllerNode
 from sesa2.ros.confined_node import ConfinedNode
 from sesa2.ros.parameters import ORIGIN, overrides
 from sesa2.ros.spinning import Spinner
@@ -281,6 +282,8 @@ def _wanted(c: Configuration) -> list[Callable[..., ConfinedNode]]:
     if c.run.mode == 'stream':
         if c.record.file:
             wanted.append(Recorder)
+        if c.has_controller:
+            wanted.append(TipControllerNode)
         wanted.append(EstimatorNode)
     if c.run.source == 'bag':
         wanted.append(Player)

@@ -6,7 +6,7 @@ import numpy as np
 
 from sesa2.control import TipController
 from sesa2.control.controller_options import ControllerOptions
-from sesa2.plant.plant import Plant
+from sesa2.plant.simulated_arm import Plant
 from sesa2.sensing.lengths import BackboneLengths
 from sesa2.shape.kinematics.constant_curvature import ConstantCurvature, arc_to
 from sesa2.shape.rotations import conjugate, multiply
