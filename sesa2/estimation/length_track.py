@@ -112,8 +112,7 @@ class LengthTrack:
     def step(self, sweeps_ns: int) -> None:
         """The time of the sweeps has stepped: what is of that time counts from now on."""
         last, held = self.newest_ns, self._held
-        allowed = abs(held[0][0] - sweeps_ns) if held else BACK_NS
-        if last is not None and abs(last - sweeps_ns) <= allowed:  # they stepped before, and were believed
+        if last is not None and abs(last - sweeps_ns) <= BACK_NS:  # they stepped before, and were believed
             return
         self._held = []
         self._begin = self._n = 0

@@ -168,10 +168,10 @@ def test_a_bag_in_which_time_steps_back(c, tmp_path, ahead):
     assert sum('samples not used' in line for line in sweeps.problems) == 0
 
 
-def write_csv(path, *, names=NAMES, unit='', scale=1.0, start_s=0.0, empty=False):
+def write_csv(path, *, names=NAMES, unit='', scale=1.0, start_s=0.0, empty=False, sweeps=SWEEPS):
     header = ['time_s', *(f'imu_{i}_{axis}' for i in IDS for axis in 'xyzw'), *(f'{n}{unit}' for n in names)]
     lines = [','.join(header)]
-    for k, t in enumerate(SWEEPS):
+    for k, t in enumerate(sweeps):
         values = [t / 1e3 + start_s, *orientations_at(t).ravel()]
         lengths = [f'{v * scale:.12g}' for v in lengths_at(t)[: len(names)]]
         if empty and k % 4:
@@ -191,6 +191,14 @@ def test_columns_of_a_csv(c, tmp_path, unit, scale, start_s):
     every = np.interp(SWEEPS, SWEEPS[::4], lengths_at(SWEEPS[::4])[:, 1])
     np.testing.assert_allclose(sweeps.lengths[:, 1], every, atol=1e-9)
     np.testing.assert_allclose(sweeps.lengths[:, [0, 2]], lengths_at(SWEEPS)[:, [0, 2]], atol=1e-9)
+
+
+def test_columns_of_a_long_csv_come_with_its_orientations(c, tmp_path):
+    """Longer than a sweep waits."""
+    t = np.arange(0.0, 30_000.0, 10.0)
+    sweeps = read_sweeps(write_csv(tmp_path / 'a.csv', sweeps=t, start_s=1.0), c)
+    np.testing.assert_allclose(sweeps.lengths, lengths_at(t), atol=1e-9)
+    assert not sweeps.problems
 
 
 def test_a_csv_that_lacks_a_column_says_which(c, tmp_path):

@@ -216,3 +216,20 @@ def test_a_recording_in_blocks_gives_what_live_gave():
     np.testing.assert_array_equal(np.array([s.lengths for s in out]), np.stack([live.of(0), live.of(1)], 1))
     assert offline.n_without == live.lengths.n_without
     assert np.isnan(live.of()).any()
+
+
+def test_in_a_recording_too_what_is_always_too_late_has_no_lengths():
+    """Though a block holds what came after its sweeps."""
+    imus = Arrivals(1, OFFLINE_PATIENCE)
+    offline = SweepLengths(1, timeout=0.2, imus=imus, patience=OFFLINE_PATIENCE)
+    out = []
+    for begin in range(0, 10_000, 2500):
+        t = np.arange(begin, begin + 2500.0, 10.0)
+        for one in t:
+            imus.observe(0, T0 + ns(one), ns(one))
+        arrivals = np.round(t * MS).astype(np.int64)
+        offline.add((0,), T0 + arrivals - 400 * MS, truth(t)[:, None], arrivals)
+        out += offline.put([sweep_at(one) for one in t], ns(begin + 2500))
+    assert len(out) == 1000
+    assert all(np.isnan(sweep.lengths).all() for sweep in out)
+    assert offline.n_without[0] == 1000
