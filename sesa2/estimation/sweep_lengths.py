@@ -143,6 +143,11 @@ class SweepLengths:
         return self._with_lengths(waiting)
 
     @property
+    def waiting(self) -> bool:
+        """Whether sweeps wait for their lengths."""
+        return bool(self._waiting)
+
+    @property
     def lags(self) -> dict[int, float]:
         """How far stamps of backbones are behind those of the IMUs, s, where that is doubtful; negative: ahead."""
         return self.arrivals.lags_behind(self._imus)

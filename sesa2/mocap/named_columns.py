@@ -164,16 +164,17 @@ def _metres_of(file: ExportFile, name: str, columns: list[int], header: list[str
 
 
 class UnusedColumns(str):
-    """What has to be said of columns that are not read; `where` they are, and their `names`."""
+    """What has to be said of columns that are not read: a sentence that remembers where they are, and their names."""
+
+    where: str
+    names: tuple[str, ...]
 
     def __new__(cls, where: str, names: Sequence[str]) -> 'UnusedColumns':
+        """The sentence."""
         angles = f'; {_ANGLES}' if any(map(_ANGLE.fullmatch, names)) else ''
         note = super().__new__(cls, f'{where}: columns not used: {listed(names)}{angles}')
         note.where, note.names = where, tuple(names)
         return note
-
-    where: str
-    names: tuple[str, ...]
 
 
 def unused_columns(where: str, names: Sequence[str]) -> tuple[UnusedColumns, ...]:

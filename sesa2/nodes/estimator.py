@@ -440,7 +440,7 @@ class EstimatorNode(ConfinedNode):
             level, text = ERROR, f'no result: IMU {base_id} on the base is silent'
         elif sweeps:
             level, text = OK, f'{sweeps:.1f} Hz'
-        elif self._without_lengths:
+        elif self._without_lengths or (self._lengths is not None and self._lengths.sweeps.waiting):
             level, text = ERROR, f'no result: {NO_LENGTHS}'
         else:
             level, text = ERROR, 'no IMU is alive'
