@@ -10,6 +10,7 @@ import numpy as np
 
 from sesa2.bags.captured_bodies import add_captured_imus
 from sesa2.bags.definitions import PATH, POSE_ARRAY, STRING, deserialise
+from sesa2.bags.length_columns import add_length_columns
 from sesa2.bags.recorded_stamps import RecordedStamps
 from sesa2.bags.recording import Recording, open_recording
 from sesa2.bags.topics import Message, RecordedTopic, field_topic, imu_topic, named_imu_topic
@@ -17,10 +18,12 @@ from sesa2.configuration import Configuration
 from sesa2.errors import Sesa2Error
 from sesa2.messages import poses
 from sesa2.messages.field_messages import FIELD_TYPE
+from sesa2.messages.header_bytes import read_stamp, with_stamp
 from sesa2.messages.imu_messages import TYPE as IMU
 from sesa2.messages.imu_messages import read_imus
+from sesa2.messages.length_messages import LENGTHS_TYPE
 from sesa2.messages.orientation_intake import OrientationIntake, TakenOrientations
-from sesa2.messages.topic_names import CONFIGURATION, absolute, imu_fields, imu_topics
+from sesa2.messages.topic_names import BACKBONE_LENGTHS, CONFIGURATION, absolute, imu_fields, imu_topics
 from sesa2.shape.rotations import FloatArray
 from sesa2.time import NS
 
@@ -41,10 +44,13 @@ class Sample(NamedTuple):
     log_ns: int
 
 
-class FieldMessage(NamedTuple):
-    """A sensor_msgs/MagneticField in CDR: of which IMU, and when it was recorded, ns."""
+class BesideMessage(NamedTuple):
+    """What was measured beside an IMU, in CDR, and when it was recorded, ns.
 
-    id: int
+    A sensor_msgs/MagneticField of the IMU of an id; or lengths, sensor_msgs/JointState: then the id is None.
+    """
+
+    id: int | None
     log_ns: int
     data: bytes
 
@@ -66,6 +72,8 @@ class ImuBlock(NamedTuple):
         when each was recorded, ns.
     fields
         what magnetometers beside the IMUs said until then, where the intake wants that.
+    lengths
+        messages of measured lengths that were recorded among them; a part of the block has none.
     """
 
     ids: np.ndarray
@@ -73,7 +81,8 @@ class ImuBlock(NamedTuple):
     orientations: FloatArray
     data: list[bytes]
     log_ns: np.ndarray
-    fields: Sequence[FieldMessage] = ()
+    fields: Sequence[BesideMessage] = ()
+    lengths: Sequence[Message] = ()
 
     def part(self, begin: int, end: int) -> 'ImuBlock':
         """Those from one to before another."""
@@ -97,6 +106,10 @@ class ImuBlock(NamedTuple):
             yield Sample(id_, stamp_ns, q[0], q[1], q[2], q[3], data, log_ns)
 
 
+_NO_IMU = ImuBlock(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, 4)), [], np.zeros(0, np.int64))
+_STAMPED = 16  # bytes of a message that has a header
+
+
 class ImuRecording:
     """The IMUs of a recording.
 
@@ -117,6 +130,8 @@ class ImuRecording:
         of the topics, with a slash at its end.
     counts
         number of messages of each id.
+    lengths_topic
+        that of measured lengths, where the configuration has some and they are in the recording; else empty.
     unknown, absent
         ids that are not in the configuration; those that it uses and that have no message.
     unreadable
@@ -167,11 +182,40 @@ class ImuRecording:
         self._ids = {**anywhere, **relative}
         self.counts = {id_: recording.topics[name].count for name, id_ in self._ids.items()}
         self._fields = self._topics_of_fields(imu_fields(configuration) if given and configuration else {})
+        self.lengths_topic = self._lengths_wanted = ''
+        if configuration and configuration.has_lengths:
+            self._find_lengths(configuration.lengths.names)
         self.unreadable: Counter[int] = Counter()
         self.unknown: list[int] = []
         self.absent: list[int] = []
         if configuration:
             self._compare(configuration)
+
+    def _find_lengths(self, names: Sequence[str]) -> None:
+        own, of_type = f'{self.namespace}{BACKBONE_LENGTHS}', LENGTHS_TYPE
+        self._lengths_wanted = (
+            f'expected a topic {own} of {of_type} with the lengths of {", ".join(names)}; in a CSV, columns '
+            f'of these names, in m'
+        )
+        add_length_columns(self._recording, names)
+        topic = self._recording.topics.get(own)
+        if topic and topic.type == of_type:
+            self.lengths_topic = own
+        else:
+            self.lengths_topic = self._recording.find(BACKBONE_LENGTHS, of_type) or ''
+
+    def check_lengths(self) -> None:
+        """Refuse a recording that lacks the lengths that its configuration has.
+
+        Raises
+        ------
+        Sesa2Error
+            there is no message of them.
+        """
+        if self._lengths_wanted and not (
+            self.lengths_topic and self._recording.topics[self.lengths_topic].count
+        ):
+            raise Sesa2Error(f'{self._recording.path}: no measured length in it, {self._lengths_wanted}')
 
     def _compare(self, c: Configuration) -> None:
         """Whether those are there that the configuration uses."""
@@ -210,10 +254,18 @@ class ImuRecording:
     def blocks(self) -> Iterator[ImuBlock]:
         """All measurements, in the recording's order."""
         wants_fields = self._intake is not None and self._intake.wants_fields
-        fields: list[FieldMessage] = []
-        messages = self._recording.messages([*self._ids, *(self._fields if wants_fields else ())])
+        fields: list[BesideMessage] = []
+        beside = [*(self._fields if wants_fields else ()), *filter(None, [self.lengths_topic])]
+        messages = self._recording.messages([*self._ids, *beside])
         while part := list(islice(messages, BLOCK)):
-            if wants_fields and not (part := self._without_fields(part, fields)):
+            lengths = [message for message in part if message.topic == self.lengths_topic]
+            if lengths:
+                part = [message for message in part if message.topic != self.lengths_topic]
+            if wants_fields:
+                part = self._without_fields(part, fields)
+            if not part:
+                if lengths:
+                    yield _NO_IMU._replace(lengths=lengths)
                 continue
             ids = np.fromiter((self._ids[message.topic] for message in part), np.int64, len(part))
             log_ns = np.fromiter((message.log_ns for message in part), np.int64, len(part))
@@ -228,11 +280,11 @@ class ImuRecording:
             if not taken.readable.all():
                 self.unreadable.update(ids[~taken.readable].tolist())
             block = ImuBlock(ids, taken.stamps_ns, taken.orientations, data, log_ns)
-            if not taken.usable.any():
+            if not taken.usable.any() and not lengths:
                 continue
             block = block if taken.usable.all() else block.chosen(np.flatnonzero(taken.usable))
             self.stamps.complete(block.ids, block.stamps_ns, block.log_ns, block.data)
-            yield block._replace(fields=fields) if fields else block
+            yield block._replace(fields=fields, lengths=lengths) if fields or lengths else block
             fields = []
 
     def _with_stamps(
@@ -246,17 +298,23 @@ class ImuRecording:
         self.stamps.complete(ids, read.stamps_ns[there], log_ns, data)
         return ids, log_ns, data
 
-    def fields(self) -> Iterator[FieldMessage]:
-        """What the magnetometers beside the IMUs said, in the recording's order."""
-        for message in self._recording.messages(self._fields) if self._fields else ():
-            yield FieldMessage(self._fields[message.topic], message.log_ns, message.data)
+    def beside(self) -> Iterator[BesideMessage]:
+        """Magnetic fields and lengths, in the recording's order, each with a stamp."""
+        topics = [*self._fields, *filter(None, [self.lengths_topic])]
+        for message in self._recording.messages(topics) if topics else ():
+            id_, data = self._fields.get(message.topic), message.data
+            if id_ is not None:
+                data = self.stamps.of_field(data, message.log_ns)
+            elif len(data) >= _STAMPED and not read_stamp(data):
+                data = with_stamp(data, message.log_ns)
+            yield BesideMessage(id_, message.log_ns, data)
 
     @property
     def field_ids(self) -> list[int]:
         """IMUs with a magnetometer beside them."""
         return sorted(self._fields.values())
 
-    def _without_fields(self, part: list[Message], fields: list[FieldMessage]) -> list[Message]:
+    def _without_fields(self, part: list[Message], fields: list[BesideMessage]) -> list[Message]:
         assert self._intake is not None
         rest = []
         for message in part:
@@ -270,7 +328,7 @@ class ImuRecording:
             except Sesa2Error:
                 self.unreadable[imu] += 1
             else:
-                fields.append(FieldMessage(imu, message.log_ns, data))
+                fields.append(BesideMessage(imu, message.log_ns, data))
         return rest
 
     def samples(self) -> Iterator[Sample]:

@@ -7,11 +7,13 @@ from typing import NamedTuple
 import numpy as np
 
 from sesa2.bags.reading import ImuRecording
+from sesa2.bags.recorded_lengths import RecordedLengths
 from sesa2.bags.recording import open_recording
 from sesa2.configuration import Configuration
 from sesa2.errors import Sesa2Error
 from sesa2.estimation.arrivals import OFFLINE_PATIENCE, lag_in_words
 from sesa2.estimation.estimator import Estimator
+from sesa2.estimation.sweeps import Sweep
 from sesa2.messages.orientation_intake import OrientationIntake
 from sesa2.shape.rotations import FloatArray
 
@@ -79,18 +81,29 @@ def read_sweeps(
     assembler = estimator.assembler(OFFLINE_PATIENCE)
     indices = configuration.imus.indices
     intake = OrientationIntake.of(configuration)
-    sweeps = []
+    sweeps: list[Sweep] = []
     with open_recording(source, first_id) as recording:
         imus = ImuRecording(recording, configuration, intake)
-        for sample in imus.samples():
-            if (index := indices.get(sample.id)) is not None:
-                sweeps += assembler.add(index, *sample[1:6], sample.log_ns)
-        sweeps += assembler.flush()
+        lengths = (
+            RecordedLengths(configuration, estimator, assembler, OFFLINE_PATIENCE)
+            if imus.lengths_topic
+            else None
+        )
+        for block in imus.blocks():
+            for piece in (block,) if lengths is None else lengths.pieces(block):
+                found: list[Sweep] = []
+                for sample in piece.samples():
+                    if (index := indices.get(sample.id)) is not None:
+                        found += assembler.add(index, *sample[1:6], sample.log_ns)
+                sweeps += found if lengths is None else lengths.put(found)
+        last = assembler.flush()
+        sweeps += last if lengths is None else [*lengths.put(last), *lengths.flush()]
         problems = [
             *recording.problems,
             *imus.warnings,
             *intake.reasons,
             *intake.doubts,
+            *(lengths.problems if lengths else []),
             *(f'{n} samples not used: {why}' for why, n in assembler.dropped.items()),
             *(
                 f'IMU {configuration.imus.all_ids[index]}: {lag_in_words(lag)}'
@@ -106,6 +119,6 @@ def read_sweeps(
         np.stack([s.orientations for s in sweeps]),
         np.stack([s.measured for s in sweeps]),
         np.array(estimator.bases(sweeps)),
-        np.array([s.lengths for s in sweeps]) if all(s.lengths is not None for s in sweeps) else None,
+        np.array([s.lengths for s in sweeps]) if lengths else None,
         problems,
     )

@@ -1,8 +1,11 @@
 """Messages of any recording, whatever its format and however it ended."""
 
+import heapq
 import re
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from itertools import chain
+from operator import attrgetter
 from pathlib import Path
 
 import yaml
@@ -18,6 +21,7 @@ from sesa2.bags.unfinished import UnfinishedMcap
 from sesa2.errors import Sesa2Error
 from sesa2.messages.topic_names import absolute, is_called
 from sesa2.mocap.formats import read_motion_capture
+from sesa2.mocap.named_columns import UnusedColumns, unused_columns
 from sesa2.regular_files import why_no_regular_file
 
 
@@ -35,14 +39,17 @@ class Recording:
     def __init__(self, path: Path, parts: list[Part], problems: Sequence[str] = ()):
         self.path = path
         self._parts = parts
+        self._beside: list[Part] = []
+        self._columns: list[str] = []
         self._problems = problems
         self.topics: dict[str, RecordedTopic] = {}
         for part in parts:
             self._add_topics(part)
 
-    def add(self, part: Part) -> None:
-        """Take up a further part."""
-        self._parts.append(part)
+    def add(self, part: Part, columns: Sequence[str] = ()) -> None:
+        """Take up a further part, which was recorded at the same time as the others; and which columns it reads."""
+        self._beside.append(part)
+        self._columns += columns
         self._add_topics(part)
 
     def _add_topics(self, part: Part) -> None:
@@ -51,9 +58,20 @@ class Recording:
             self.topics[name] = replace(topic, count=topic.count + before)
 
     @property
+    def _all(self) -> list[Part]:
+        return [*self._parts, *self._beside]
+
+    @property
     def problems(self) -> list[str]:
         """What could not be read, for people; complete once all messages have been read."""
-        return [*self._problems, *(problem for part in self._parts for problem in part.problems)]
+        problems: list[str] = []
+        for problem in (*self._problems, *(problem for part in self._all for problem in part.problems)):
+            if isinstance(problem, UnusedColumns):
+                rest = [name for name in problem.names if name not in self._columns]
+                problems += unused_columns(problem.where, rest)
+            else:
+                problems.append(problem)
+        return problems
 
     def messages(self, topics: Iterable[str] | None = None) -> Iterator[Message]:
         """Messages in order of time; of a bag cut short, in the order of recording.
@@ -64,8 +82,11 @@ class Recording:
             names; all where it is None.
         """
         wanted = set(self.topics if topics is None else topics)
-        for part in self._parts:
-            yield from part.messages(wanted)
+        one_after_another = chain.from_iterable(part.messages(wanted) for part in self._parts)
+        if not self._beside:
+            return one_after_another
+        beside = [part.messages(wanted) for part in self._beside]
+        return heapq.merge(one_after_another, *beside, key=attrgetter('log_ns'))
 
     def find(self, name: str, type_name: str) -> str | None:
         """Absolute name of a topic of this type; None where there is none.
@@ -92,7 +113,7 @@ class Recording:
 
     def close(self) -> None:
         """Close its files."""
-        for part in self._parts:
+        for part in self._all:
             part.close()
 
     def __enter__(self) -> 'Recording':

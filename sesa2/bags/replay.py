@@ -9,8 +9,10 @@ import numpy as np
 
 from sesa2.alignment.earth_frame import BaseComparison
 from sesa2.bags.definitions import STRING, string_message
-from sesa2.bags.reading import FieldMessage, ImuBlock, ImuRecording, Sample
+from sesa2.bags.reading import BesideMessage, ImuBlock, ImuRecording, Sample
+from sesa2.bags.recorded_lengths import RecordedLengths
 from sesa2.bags.recording import open_recording
+from sesa2.bags.topics import Message
 from sesa2.bags.writing import BagWriter, new_bag
 from sesa2.configuration import Configuration, files
 from sesa2.errors import Sesa2Error
@@ -23,9 +25,10 @@ from sesa2.estimation.time_steps import AHEAD_NS
 from sesa2.messages.field_messages import FIELD_TYPE
 from sesa2.messages.header_bytes import read_stamp
 from sesa2.messages.imu_messages import TYPE as IMU_TYPE
+from sesa2.messages.length_messages import LENGTHS_TYPE
 from sesa2.messages.orientation_intake import OrientationIntake, unaligned_headings
 from sesa2.messages.results import ResultMessages
-from sesa2.messages.topic_names import CONFIGURATION, imu_fields, imu_topics
+from sesa2.messages.topic_names import BACKBONE_LENGTHS, CONFIGURATION, imu_fields, imu_topics
 from sesa2.sensing.lengths import NO_LENGTHS, outside_in_words
 from sesa2.time import NS
 
@@ -178,6 +181,7 @@ def replay(
         source = recording.path
         intake = OrientationIntake.of(configuration)
         imus = ImuRecording(recording, configuration, intake)
+        imus.check_lengths()
         total = sum(imus.counts.values())
         with new_bag(out) as bag:
             run = _Replay(configuration, imus, bag)
@@ -197,6 +201,7 @@ def replay(
                 *unaligned_headings(configuration.imus.fusion, configuration.imus.headings),
                 *intake.reasons,
                 *intake.doubts,
+                *(run.lengths.problems if run.lengths else []),
             ]
             if not summary.sweeps:
                 reasons = '; '.join(summary.warnings)
@@ -208,7 +213,13 @@ def replay(
 
 
 class _Replay:
-    """Estimates block by block, and writes samples and results in order of time."""
+    """Estimates block by block, and writes samples and results in order of time.
+
+    Attributes
+    ----------
+    lengths
+        those measured, where the configuration has some.
+    """
 
     def __init__(self, configuration: Configuration, imus: ImuRecording, bag: BagWriter):
         self._bag = bag
@@ -216,6 +227,11 @@ class _Replay:
         self._enabled = np.array(configuration.imus.enabled)
         self._estimator = Estimator(configuration)
         self._assembler = self._estimator.assembler(OFFLINE_PATIENCE)
+        self.lengths = (
+            RecordedLengths(configuration, self._estimator, self._assembler, OFFLINE_PATIENCE)
+            if configuration.has_lengths
+            else None
+        )
         self._indices = configuration.imus.indices
         # By index, the base's, if there is one, and that of unknown ids last.
         self._used = np.array(
@@ -237,6 +253,9 @@ class _Replay:
             for id_ in (imus.field_ids if configuration.imus.fusion == '9d' else ())
             if id_ in self._imus
         }
+        self._lengths_topic = (
+            self._topic(BACKBONE_LENGTHS, LENGTHS_TYPE) if self.lengths and configuration.record.imu else None
+        )
         self._results = {
             topic: self._topic(*topic)
             for topic in self._messages.topics
@@ -244,6 +263,7 @@ class _Replay:
         }
         self._comparison = BaseComparison()
         self._sweeps: list[Sweep] = []
+        self._before_block: list[int] = []  # stamp of the last sweep before the block, if there is one
         self._stuck = StuckWatch(len(self._enabled))
         self._left_twists: dict[str, LeftTwist] = {}
         self.doubts = [f'{name}: {d}' for name, model in self._estimator.models.items() for d in model.doubts]
@@ -261,8 +281,15 @@ class _Replay:
         return number
 
     def add(self, block: ImuBlock) -> None:
-        """Take samples, of any IMUs."""
+        """Take samples, of any IMUs, and lengths."""
         self._pend_fields(block.fields)
+        for piece in (block,) if self.lengths is None else self.lengths.pieces(block):
+            self._pend_lengths(piece.lengths)
+            if piece.data:
+                self._add_samples(piece)
+            self._end_block()
+
+    def _add_samples(self, block: ImuBlock) -> None:
         indices = np.array([self._indices.get(id_, -1) for id_ in block.ids.tolist()])
         self.summary.samples.update(block.ids[indices >= 0].tolist())
         used = self._used[indices]
@@ -277,13 +304,15 @@ class _Replay:
             self._sweeps += sweeps
             self._pend(block.part(begin, begin + taken))
             begin += taken
-            end = begin + _ONE_BY_ONE
+            # Whole rounds can only begin where no sweep is begun.
+            some = slice(begin, begin + _ONE_BY_ONE + len(self._used))
             for index, sample in zip(
-                indices[begin:end].tolist(), block.part(begin, end).samples(), strict=True
+                indices[some].tolist(), block.part(some.start, some.stop).samples(), strict=True
             ):
+                if begin >= some.start + _ONE_BY_ONE and not self._assembler.waiting:
+                    break
                 self._add_one(index, sample)
-            begin = end
-        self._end_block()
+                begin += 1
 
     def _pend(self, block: ImuBlock) -> None:
         """Keep samples until they can be written, where they are to be."""
@@ -291,17 +320,27 @@ class _Replay:
             topics = [self._imus[id_] for id_ in block.ids.tolist()]
             self._pending.extend(block.stamps_ns.tolist(), topics, block.data)
 
-    def _pend_fields(self, fields: Sequence[FieldMessage]) -> None:
+    def _pend_fields(self, fields: Sequence[BesideMessage]) -> None:
         for one in fields:
             if one.id in self._fields:
                 self._pending.extend([read_stamp(one.data)], [self._fields[one.id]], [one.data])
+
+    def _pend_lengths(self, lengths: Sequence[Message]) -> None:
+        if self._lengths_topic is not None and lengths:
+            newest_ns = self._assembler.newest_ns
+            stamps = [read_stamp(message.data) for message in lengths]
+            if newest_ns is not None:  # those of another time go among their neighbours
+                stamps = [t if abs(t - newest_ns) <= AHEAD_NS else newest_ns for t in stamps]
+            topics = [self._lengths_topic] * len(lengths)
+            self._pending.extend(stamps, topics, [message.data for message in lengths])
 
     def _add_one(self, index: int, sample: Sample) -> None:
         id_, stamp_ns, x, y, z, w, data, log_ns = sample
         resets = self._assembler.resets
         sweeps = self._assembler.add(index, stamp_ns, x, y, z, w, log_ns)
         if self._assembler.resets != resets:  # sweeps of before the step go with the samples of before it
-            stamps = [sweep.stamp_ns for sweep in [*self._sweeps[-1:], *sweeps]]
+            before_these = [s.stamp_ns for s in self._sweeps[-1:]] or self._before_block
+            stamps = [*before_these, *(sweep.stamp_ns for sweep in sweeps)]
             steps = [k for k in range(1, len(stamps)) if stamps[k] <= stamps[k - 1]]
             before = steps[0] - (len(stamps) - len(sweeps)) if steps else len(sweeps)
             self._sweeps += sweeps[:before]
@@ -350,7 +389,8 @@ class _Replay:
         return self.summary
 
     def _end_segment(self) -> None:
-        self._end_block()
+        self._end_block(last=True)
+        self._before_block = []
         self._stuck.end()
         self._write(self._pending.taken())
         self._written_ns = 0
@@ -358,8 +398,11 @@ class _Replay:
             self.summary.duration += (self._last_ns - self._first_ns) / NS
         self._first_ns = None
 
-    def _end_block(self) -> None:
+    def _end_block(self, *, last: bool = False) -> None:
         """Estimate, and write what is not newer than the last result: a result can be older than the next sample."""
+        self._before_block = [sweep.stamp_ns for sweep in self._sweeps[-1:]] or self._before_block
+        if self.lengths is not None:
+            self._sweeps = self.lengths.put(self._sweeps) + (self.lengths.flush() if last else [])
         if not self._sweeps:
             if len(self._pending) > _PENDING_MAX:  # nothing but samples that make no sweep
                 self._write(self._pending.taken())

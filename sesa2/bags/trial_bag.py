@@ -1,6 +1,7 @@
 """A simulated trial as a bag: what the IMUs measured, and the true positions of the markers."""
 
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -10,7 +11,16 @@ from sesa2.configuration import Configuration, files
 from sesa2.messages.cdr import CdrLayout
 from sesa2.messages.imu_messages import TYPE as IMU
 from sesa2.messages.imu_messages import ImuMessages
-from sesa2.messages.topic_names import CONFIGURATION, TRUTH_MARKERS, absolute, imu_frame, imu_topics
+from sesa2.messages.length_messages import LENGTHS_TYPE, LengthMessages
+from sesa2.messages.topic_names import (
+    BACKBONE_LENGTHS,
+    CONFIGURATION,
+    TRUTH_MARKERS,
+    absolute,
+    imu_frame,
+    imu_topics,
+)
+from sesa2.shape.rotations import FloatArray
 from sesa2.time import NS
 from sesa2.twin.trial import Trial
 
@@ -19,7 +29,24 @@ TRIAL_FILE = 'trial.npz'
 START_NS = 1_700_000_000 * NS
 
 
-def write_trial(trial: Trial, configuration: Configuration, out: str | Path) -> None:
+class MeasuredLengths(NamedTuple):
+    """What was measured of backbones.
+
+    Attributes
+    ----------
+    times : (n,)
+        by the trial's clock, s.
+    lengths : (n, n_backbones)
+        as a driver would say them, in the order of the configuration, m.
+    """
+
+    times: FloatArray
+    lengths: FloatArray
+
+
+def write_trial(
+    trial: Trial, configuration: Configuration, out: str | Path, lengths: MeasuredLengths | None = None
+) -> None:
     """Write a trial as a bag whose folder also holds the trial itself.
 
     Parameters
@@ -30,6 +57,8 @@ def write_trial(trial: Trial, configuration: Configuration, out: str | Path) -> 
         that it was made with; the first message.
     out
         folder of the new bag.
+    lengths
+        what was measured of the backbones that the configuration names.
 
     Raises
     ------
@@ -47,6 +76,11 @@ def write_trial(trial: Trial, configuration: Configuration, out: str | Path) -> 
             messages += [
                 (stamp, topic, row) for stamp, row in zip(_stamps(trial.stamps[:, k]), rows, strict=True)
             ]
+        if lengths is not None:
+            topic = bag.add_topic(absolute(BACKBONE_LENGTHS), LENGTHS_TYPE)
+            stamps = _stamps(lengths.times)
+            rows = LengthMessages(configuration.lengths.names).make_lengths(stamps, lengths.lengths)
+            messages += [(stamp, topic, row) for stamp, row in zip(stamps, rows, strict=True)]
         poses = np.zeros((len(trial.truth_times), len(trial.marker_names), 7))
         poses[..., :3] = trial.markers
         poses[..., 6] = 1.0

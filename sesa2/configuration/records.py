@@ -198,7 +198,7 @@ class Record:
     """What is recorded, and where."""
 
     file: str = parameter('', 'bag to write; empty: none')
-    imu: bool = parameter(True, 'record what the IMUs measure')
+    imu: bool = parameter(True, 'record what is measured: orientations, fields, lengths')
     acceleration: bool = parameter(False, 'record acceleration')
     results: bool = parameter(True, 'record what the estimator publishes')
 

@@ -55,6 +55,11 @@ class Arrivals:
         self._reference: float = math.inf
         self._learn()
 
+    def forget(self, index: int) -> None:
+        """Forget the clock of one, as when its stamps begin anew."""
+        self._least[index] = self._least_before[index] = math.inf
+        self._counts[index] = self._counts_before[index] = 0
+
     def observe(self, index: int, stamp_ns: int, arrival_ns: int) -> None:
         """Note a message of an IMU, whether or not it is used."""
         until_ns = self._until_ns
@@ -91,9 +96,7 @@ class Arrivals:
     @property
     def lags(self) -> dict[int, float]:
         """How far stamps of IMUs are behind those of the others, s, where that is doubtful; negative: ahead."""
-        transits = {
-            i: self._offset(i) for i in range(self._n) if self._counts[i] + self._counts_before[i] >= _FEW
-        }
+        transits = {i: self._offset(i) for i in range(self._n) if self._counted(i)}
         found = {}
         for i, transit in transits.items():
             others = [other for k, other in transits.items() if k != i]
@@ -103,6 +106,17 @@ class Arrivals:
         if len(transits) == 2:
             found = {i: lag for i, lag in found.items() if lag > 0.0}
         return found
+
+    def lags_behind(self, others: 'Arrivals') -> dict[int, float]:
+        """How far stamps are behind those of others, s, where that is doubtful; negative: ahead."""
+        known = [others._offset(i) for i in range(others._n) if others._counted(i)]
+        if not known:
+            return {}
+        lags = {i: (self._offset(i) - median_low(known)) / NS for i in range(self._n) if self._counted(i)}
+        return {i: lag for i, lag in lags.items() if abs(lag) * NS > _DOUBTFUL_LAG_NS}
+
+    def _counted(self, index: int) -> bool:
+        return self._counts[index] + self._counts_before[index] >= _FEW
 
     def _offset(self, index: int) -> float:
         return min(self._least[index], self._least_before[index])
@@ -132,9 +146,9 @@ class Arrivals:
         self._until_ns = arrival_ns + WINDOW_NS
 
 
-def lag_in_words(lag: float) -> str:
-    """What a lag, s, says about an IMU, for people."""
+def lag_in_words(lag: float, others: str = 'the others') -> str:
+    """What a lag, s, says about an IMU or a backbone, for people."""
     return (
-        f'its stamps are {abs(lag):.2f} s {"behind" if lag > 0.0 else "ahead of"} those of the others: '
+        f'its stamps are {abs(lag):.2f} s {"behind" if lag > 0.0 else "ahead of"} those of {others}: '
         'separate clocks?'
     )

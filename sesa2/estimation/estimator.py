@@ -10,6 +10,7 @@ from sesa2.alignment.heading_filter import HeadingFilter
 from sesa2.configuration import Configuration
 from sesa2.errors import Sesa2Error
 from sesa2.estimation.joint_velocities import JointVelocities
+from sesa2.estimation.sweep_lengths import SweepLengths
 from sesa2.estimation.sweeps import Sweep, SweepAssembler
 from sesa2.sensing.imu.mounting import Mounting
 from sesa2.sensing.lengths import outside_stretch
@@ -150,6 +151,15 @@ class Estimator:
             latency=imus.latency,
             patience=patience,
         )
+
+    def sweep_lengths(self, assembler: SweepAssembler, patience: float | None = None) -> SweepLengths:
+        """What gives the sweeps of an assembler their lengths; patience as above.
+
+        Only of a configuration that has lengths.
+        """
+        lengths = self.configuration.lengths
+        n = len(lengths.names)
+        return SweepLengths(n, timeout=lengths.timeout, imus=assembler.arrivals, patience=patience)
 
     def estimate(self, sweeps: Sequence[Sweep]) -> Estimate:
         """Shapes of sweeps.

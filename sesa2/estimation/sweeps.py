@@ -143,6 +143,11 @@ class SweepAssembler:
         return len(self._steps) > 0
 
     @property
+    def waiting(self) -> bool:
+        """Whether samples wait for their sweep."""
+        return self._n_waiting > 0
+
+    @property
     def alive(self) -> list[bool]:
         """For each IMU (the base's last), whether sweeps wait for it."""
         return [imu.alive and used for imu, used in zip(self._imus, self._used, strict=True)]

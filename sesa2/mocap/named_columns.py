@@ -21,12 +21,14 @@ from sesa2.mocap.capture import LENGTH_UNITS, MocapError, MotionCapture, Tracked
 from sesa2.mocap.export_file import ExportFile, delimiter_of
 from sesa2.mocap.number_table import NumberTable, read_numbers
 from sesa2.mocap.time_units import TIME_COLUMN, TIME_UNITS, in_seconds
+from sesa2.shape.rotations import FloatArray
 
 KIND = 'CSV with named columns'
 EXPECTED = (
     'A CSV must have the columns time_s (s) and NAME_x, NAME_y, NAME_z (m) of each marker; '
     'of each IMU imu_<id>_x, _y, _z, _w (a quaternion)'
 )
+_UNIT = r'\s*(?:[_ ]?[(\[]?\s*(mm|cm|m|in|ft)\s*[)\]]?)?'
 _COMPONENT = re.compile(r'(.+?)[_.\-: ](q?)([xyzwXYZW])\s*(?:[_ ]?[(\[]?\s*(mm|cm|m|in|ft)\s*[)\]]?)?')
 _ANGLE = re.compile(r'.*(?:roll|pitch|yaw|euler|heading).*', re.IGNORECASE)
 _ANGLES = (
@@ -161,12 +163,23 @@ def _metres_of(file: ExportFile, name: str, columns: list[int], header: list[str
     return metres_in(units.pop(), file.name)
 
 
-def unused_columns(where: str, names: Sequence[str]) -> tuple[str, ...]:
+class UnusedColumns(str):
+    """What has to be said of columns that are not read: a sentence that remembers where they are, and their names."""
+
+    where: str
+    names: tuple[str, ...]
+
+    def __new__(cls, where: str, names: Sequence[str]) -> 'UnusedColumns':
+        """The sentence."""
+        angles = f'; {_ANGLES}' if any(map(_ANGLE.fullmatch, names)) else ''
+        note = super().__new__(cls, f'{where}: columns not used: {listed(names)}{angles}')
+        note.where, note.names = where, tuple(names)
+        return note
+
+
+def unused_columns(where: str, names: Sequence[str]) -> tuple[UnusedColumns, ...]:
     """What has to be said of the columns that are not read, where there are some."""
-    if not names:
-        return ()
-    angles = f'; {_ANGLES}' if any(map(_ANGLE.fullmatch, names)) else ''
-    return (f'{where}: columns not used: {listed(names)}{angles}',)
+    return (UnusedColumns(where, names),) if names else ()
 
 
 def _time_column(file: ExportFile, header: list[str], rate: float | None) -> tuple[int, float | None]:
@@ -226,3 +239,69 @@ def _times(
     if scale is None:
         return in_seconds(times, column, file.name)
     return times * scale, ()
+
+
+class Scalars(NamedTuple):
+    """Columns of single lengths.
+
+    Attributes
+    ----------
+    times : (n,)
+        s.
+    values
+        by name, (n,), m; NaN where a cell is empty.
+    cells
+        what the columns are called in the file.
+    """
+
+    times: FloatArray
+    values: dict[str, FloatArray]
+    cells: tuple[str, ...]
+
+
+def read_scalars(file: ExportFile, names: Sequence[str]) -> Scalars:
+    """Columns of single lengths, each called by a name, after which a unit may follow, as in `b1 [mm]`.
+
+    Parameters
+    ----------
+    file
+        the file.
+    names
+        to look for; those that are there are read.
+
+    Raises
+    ------
+    MocapError
+        there is no time, two columns have one name, or a field is not a number.
+    """
+    line, header, delimiter = find_header(file)
+    below = _units_below(file, line + 1, delimiter, len(header))
+    found: dict[str, int] = {}
+    metres: dict[str, float] = {}
+    for name in names:
+        for column, cell in enumerate(header):
+            if match := re.fullmatch(rf'{re.escape(name)}{_UNIT}', cell):
+                if name in found:
+                    raise MocapError(f'{file.name}: {header[found[name]]} and {cell} are both {name}')
+                unit = match[1] or (below[column] if below else '') or 'm'
+                found[name], metres[name] = column, metres_in(unit, file.name)
+    if not found:
+        return Scalars(np.zeros(0), {}, ())
+    time, scale = _time_column(file, header, None)
+    if below and scale is None:
+        scale = TIME_UNITS.get(below[time])
+    columns = [time, *found.values()]
+    line += 2 if below else 1
+    table = read_numbers(
+        file.data,
+        file.after(line),
+        columns,
+        delimiter=delimiter,
+        names=[header[c] for c in columns],
+        where=file.name,
+        first_line=line + 1,
+        width=len(header),
+    )
+    times, _ = _times(file, header[time], scale, table)
+    values = {name: metres[name] * table.rows[:, 1 + k] for k, name in enumerate(found)}
+    return Scalars(times, values, tuple(header[c] for c in found.values()))

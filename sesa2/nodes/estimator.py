@@ -32,6 +32,7 @@ from sesa2.messages.robot import describe_robot
 from sesa2.messages.topic_names import CONFIGURATION, imu_fields, imu_name, imu_topics, of_model
 from sesa2.ros.confined_node import ConfinedNode
 from sesa2.ros.diagnostics import ERROR, OK, WARN, Diagnostics, Part
+from sesa2.ros.length_listening import LengthListening
 from sesa2.ros.parameters import declare_configuration, origin_of
 from sesa2.ros.qos import ANY_STREAM, LATCHED, STREAM, telling_why_unheard
 from sesa2.ros.spinning import run_alone
@@ -136,6 +137,18 @@ class EstimatorNode(ConfinedNode):
             ]
         self._newest_ns: dict[int, int] = {}  # stamp of each IMU, and as it was at the last report
         self._reported_ns: dict[int, int] = {}
+        self._lengths = (
+            LengthListening(
+                self,
+                self.configuration,
+                self._estimator,
+                self.assembler,
+                self._listening_clock,
+                self._publish,
+            )
+            if self.configuration.has_lengths
+            else None
+        )
         self._last_refused = Counter[int]()
         self._told_refused: set[int] = set()
         self.received = Counter[int]()
@@ -180,10 +193,18 @@ class EstimatorNode(ConfinedNode):
             if sample is None:
                 return
             self._newest_ns[imu] = sample[0]
-            for sweep in add(index, *sample, arrival_ns):
-                self._publish(sweep)
+            if sweeps := add(index, *sample, arrival_ns):
+                self._put(sweeps, arrival_ns)
 
         return take
+
+    def _put(self, sweeps: list[Sweep], arrival_ns: int) -> None:
+        """Publish sweeps, those of an arm whose lengths are measured once they have theirs."""
+        if self._lengths is not None:
+            self._lengths.put(sweeps, arrival_ns)
+            return
+        for sweep in sweeps:
+            self._publish(sweep)
 
     @property
     def unheard(self) -> str:
@@ -222,8 +243,8 @@ class EstimatorNode(ConfinedNode):
 
     def _close_overdue(self) -> None:
         """When an IMU falls silent, and when all do, no sample comes at the right time to show it."""
-        for sweep in self.assembler.close_overdue(self._listening_clock()):
-            self._publish(sweep)
+        now_ns = self._listening_clock()
+        self._put(self.assembler.close_overdue(now_ns), now_ns)
 
     def _publish(self, sweep: Sweep) -> None:
         if self._recent and sweep.stamp_ns <= self._recent[-1].stamp_ns:
@@ -419,13 +440,15 @@ class EstimatorNode(ConfinedNode):
             level, text = ERROR, f'no result: IMU {base_id} on the base is silent'
         elif sweeps:
             level, text = OK, f'{sweeps:.1f} Hz'
-        elif self._without_lengths:
+        elif self._without_lengths or (self._lengths is not None and self._lengths.sweeps.waiting):
             level, text = ERROR, f'no result: {NO_LENGTHS}'
         else:
             level, text = ERROR, 'no IMU is alive'
         if self._recent and (doubt := self._compared_with_base()):
             level, text = max(level, WARN), f'{text}; {doubt}'
         parts.append(('sweeps', level, text, counts))
+        if self._lengths is not None:
+            parts.append(self._lengths.report())
         imus = self.configuration.imus
         if doubts := [*unaligned_headings(imus.fusion, imus.headings), *self.intake.doubts]:
             parts.append(('fusion' if self.intake.fuses else 'orientations', WARN, '; '.join(doubts), {}))

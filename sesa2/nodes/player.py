@@ -1,4 +1,4 @@
-"""The player: a recording's IMUs as topics again, at the pace at which they were recorded or another."""
+"""The player: a recording as topics again, at the pace at which it was recorded or another."""
 
 import threading
 import time
@@ -6,14 +6,14 @@ from collections.abc import Iterator
 from typing import Any
 
 from rosgraph_msgs.msg import Clock
-from sensor_msgs.msg import Imu, MagneticField
+from sensor_msgs.msg import Imu, JointState, MagneticField
 
-from sesa2.bags.reading import FieldMessage, ImuRecording, Sample
+from sesa2.bags.reading import BesideMessage, ImuRecording, Sample
 from sesa2.bags.recording import open_recording
 from sesa2.configuration import ConfigurationError, Mistake
 from sesa2.errors import Sesa2Error
 from sesa2.estimation.time_steps import BACK_NS
-from sesa2.messages.topic_names import CLOCK, imu_data, imu_field, imu_fields, imu_topics
+from sesa2.messages.topic_names import BACKBONE_LENGTHS, CLOCK, imu_data, imu_field, imu_fields, imu_topics
 from sesa2.ros.confined_node import ConfinedNode
 from sesa2.ros.diagnostics import OK, Diagnostics, Part
 from sesa2.ros.parameters import declare_configuration
@@ -24,6 +24,8 @@ from sesa2.time import NS
 _LISTENERS_PATIENCE_S = 3.0
 # What was published last is on its way to the estimator for a moment.
 _LINGER_S = 0.5
+# What was measured beside the first and the last sample, and may be needed with it.
+_BESIDE_NS = NS // 2
 _CLOCK_PERIOD_NS = 10_000_000
 
 
@@ -44,6 +46,7 @@ class Player(ConfinedNode):
             raise ConfigurationError([Mistake('run.bag', 'is empty, expected a recording to play')], 'player')
         self._recording = open_recording(self._run.bag)
         self._imus = ImuRecording(self._recording, self.configuration)
+        self._imus.check_lengths()
         for warning in self._imus.warnings:
             self.get_logger().warning(warning)
         topics = imu_topics(self.configuration)
@@ -55,12 +58,16 @@ class Player(ConfinedNode):
             i: self.create_publisher(MagneticField, fields.get(i) or imu_field(i), STREAM)
             for i in self._imus.field_ids
         }
+        self._publisher_of_lengths = (
+            self.create_publisher(JointState, BACKBONE_LENGTHS, STREAM) if self._imus.lengths_topic else None
+        )
         imus = self.configuration.imus
         listened_to = [
             self._publishers_of_imus,
             *([self._publishers_of_fields] if imus.fusion == '9d' else []),
         ]
         self._awaited = [p for publishers in listened_to for i, p in publishers.items() if i in imus.used_ids]
+        self._awaited += [self._publisher_of_lengths] if self._publisher_of_lengths else []
         self._clock_publisher = self.create_publisher(Clock, CLOCK, 10) if self._run.clock else None
         self._clock_ns = 0
         self.n_played = self._rounds = 0
@@ -102,26 +109,38 @@ class Player(ConfinedNode):
     def _play_once(self) -> int:
         """Play the recording once; the number of samples."""
         n = 0
-        fields = self._fields()
-        field = next(fields, None)
+        beside = self._beside()
+        message = next(beside, None)
+        last_ns = 0
         for sample, wait_s in self._paced():
-            while field and field.log_ns <= sample.log_ns:
-                self._publishers_of_fields[field.id].publish(field.data)
-                field = next(fields, None)
+            while message and not n and message.log_ns < sample.log_ns - _BESIDE_NS:  # before the start
+                message = next(beside, None)
             if wait_s > 0.0 and self._stop.wait(wait_s):
-                break
+                return n
+            while message and message.log_ns <= sample.log_ns:
+                self._publish_beside(message)
+                message = next(beside, None)
             self._publishers_of_imus[sample.id].publish(sample.data)
             self._publish_clock(sample.stamp_ns)
             n += 1
             self.n_played += 1
+            last_ns = sample.log_ns
+        while message and message.log_ns <= last_ns + _BESIDE_NS:
+            self._publish_beside(message)
+            message = next(beside, None)
         return n
 
-    def _fields(self) -> Iterator[FieldMessage]:
-        """Magnetic fields beside the IMUs, read apart from these."""
-        if self._imus.field_ids:
+    def _beside(self) -> Iterator[BesideMessage]:
+        """Magnetic fields and lengths, read apart from the IMUs."""
+        if self._imus.field_ids or self._publisher_of_lengths:
             with open_recording(self._run.bag) as recording:
-                for message in ImuRecording(recording, self.configuration).fields():
-                    yield message._replace(data=self._imus.stamps.of_field(message.data, message.log_ns))
+                yield from ImuRecording(recording, self.configuration).beside()
+
+    def _publish_beside(self, message: BesideMessage) -> None:
+        if message.id is not None:
+            self._publishers_of_fields[message.id].publish(message.data)
+        elif self._publisher_of_lengths:
+            self._publisher_of_lengths.publish(message.data)
 
     def _paced(self) -> Iterator[tuple[Sample, float]]:
         """Each sample after the start, and how long to wait before it, s."""

@@ -17,8 +17,16 @@ from sesa2.configuration import ConfigurationError, Mistake, files
 from sesa2.errors import Sesa2Error
 from sesa2.messages.field_messages import FIELD_TYPE
 from sesa2.messages.imu_messages import without_acceleration
+from sesa2.messages.length_messages import LENGTHS_TYPE
 from sesa2.messages.results import TYPES
-from sesa2.messages.topic_names import CONFIGURATION, imu_calibration, imu_fields, imu_topics, of_model
+from sesa2.messages.topic_names import (
+    BACKBONE_LENGTHS,
+    CONFIGURATION,
+    imu_calibration,
+    imu_fields,
+    imu_topics,
+    of_model,
+)
 from sesa2.ros.confined_node import ConfinedNode
 from sesa2.ros.diagnostics import ERROR, OK, WARN, Diagnostics, Part
 from sesa2.ros.parameters import declare_configuration
@@ -76,6 +84,8 @@ class Recorder(ConfinedNode):
             self._subscribe(
                 ImuCalibration, 'sesa2_msgs/msg/ImuCalibration', imu_calibration(i), EVERY_LATCHED
             )
+        if c.record.imu and c.has_lengths:
+            self._subscribe(JointState, LENGTHS_TYPE, BACKBONE_LENGTHS, qos)
         if c.record.results:
             for model in c.models:
                 for kind, cls in _RESULTS.items():

@@ -23,7 +23,7 @@ EVERY_LATCHED = QoSProfile(
 
 
 def telling_why_unheard(node: Node, topic: str) -> SubscriptionEventCallbacks:
-    """Has a node log where a publisher of IMUs is not heard for its qualities of service, and what to do."""
+    """Has a node log where a publisher is not heard for its qualities of service, and what to do."""
 
     def tell(event: Any) -> None:
         policy = qos_policy_name_from_kind(event.last_policy_kind)

@@ -144,6 +144,8 @@ def claimed_topics(c: Configuration) -> list[str]:
         topics += imu_topics(c).values()
     if c.has_plant:
         topics += [BACKBONE_LENGTHS, *TRUTH_TYPES]
+    if c.run.source == 'bag' and c.has_lengths:
+        topics.append(BACKBONE_LENGTHS)
     if c.run.source == 'bag' and c.run.clock:
         topics.append(CLOCK)
     return topics

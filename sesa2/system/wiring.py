@@ -127,7 +127,7 @@ class System:
             if configuration.run.source == 'bag':
                 # Seen before the recorder makes a bag that nothing would go into.
                 with open_recording(configuration.run.bag) as recording:
-                    ImuRecording(recording, configuration)
+                    ImuRecording(recording, configuration).check_lengths()
             given = overrides(configuration)
             if self._origin:
                 given.append(Parameter(ORIGIN, value=str(self._origin)))

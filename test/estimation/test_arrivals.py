@@ -92,3 +92,15 @@ def test_a_clock_of_arrival_that_steps_back_begins_anew():
 def test_words():
     assert lag_in_words(0.2) == 'its stamps are 0.20 s behind those of the others: separate clocks?'
     assert lag_in_words(-0.25).startswith('its stamps are 0.25 s ahead of those')
+
+
+def test_lags_behind_others_are_told_where_they_are_doubtful():
+    imus, lengths = Arrivals(3), Arrivals(3)
+    run(imus, 12, offsets=[0, 5 * MS, 0])
+    run(lengths, 0.05, offsets=[-300 * MS] * 3)
+    assert not lengths.lags_behind(imus), 'too few to tell'
+    run(lengths, 12, offsets=[-300 * MS, 50 * MS, 200 * MS])
+    assert lengths.lags_behind(imus) == {0: pytest.approx(0.3), 2: pytest.approx(-0.2)}
+    lengths.forget(0)
+    assert lengths.lags_behind(imus) == {2: pytest.approx(-0.2)}
+    assert not lengths.lags_behind(Arrivals(2))

@@ -216,3 +216,15 @@ def test_topics_of_any_name_live_recorded_and_played(tmp_path):
         assert not any('imu_1/data' in name or 'imu_4/data' in name for name in counts)
         assert b'left_imu_1\0' in message.data
         assert read_poses(tmp_path / bag, 'pcc/markers').frame == 'left_base_link'
+
+
+def test_a_bag_of_an_arm_that_grows_is_played_with_its_lengths():
+    values = {
+        'arm': {'length': 0.3},
+        'imus': {'ids': [1], 'positions': [0.3]},
+        'segments': {'lengths': [0.3]},
+        'lengths': {'names': ['b1']},
+    }
+    for source, played in (('bag', True), ('external', False), ('sim', False)):
+        topics = claimed_topics(validate({**values, 'run': {'source': source, 'bag': 'b'}}))
+        assert ('backbone_lengths' in topics) is played
