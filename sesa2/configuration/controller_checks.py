@@ -51,6 +51,11 @@ def check_controller(c: Configuration, expect: Callable[[bool, str, str], bool])
         'controller.length_limits',
         f'got {shown(list(limits))}, expected two numbers, the smaller first',
     )
+    right &= expect(
+        k.output == 'joint_trajectory' or not c.has_plant,
+        'controller.output',
+        f'got {shown(k.output)}, and the simulated arm takes joint_trajectory',
+    )
     if right:
         try:
             c.create_controller()

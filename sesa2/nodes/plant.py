@@ -145,7 +145,8 @@ class PlantNode(ConfinedNode):
     def _look(self) -> None:
         self._wall.look()
         self._n_commanders = self.count_publishers(COMMAND)
-        if self._n_commanders:
+        # The run's own controller is there from the start, and says nothing until it is started.
+        if self._n_commanders > self.configuration.has_controller:
             self._live.obey()
 
     def _publish_lengths(self) -> None:

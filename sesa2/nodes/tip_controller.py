@@ -98,7 +98,9 @@ class TipControllerNode(ConfinedNode):
     def _take_target(self, message: PointStamped) -> None:
         frame, p = message.header.frame_id, message.point
         if frame != self._frame:
-            self._refuse('target', f'target in the frame {frame!r}, expected {self._frame!r}; the one before stays')
+            self._refuse(
+                'target', f'target in the frame {frame!r}, expected {self._frame!r}; the one before stays'
+            )
             return
         try:
             self.controller.hear_target([p.x, p.y, p.z])
