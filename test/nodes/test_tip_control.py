@@ -24,8 +24,9 @@ EXACT = {'slip': 0.0, 'affine': 0.0, 'affine_spread': 0.0, 'hollow': 0.0, 'sag':
 
 
 def values(**sections):
-    shipped = yaml.safe_load((REPOSITORY / 'config/tri_backbone.yaml').read_text())
-    return shipped['/**']['ros__parameters'] | sections
+    shipped = yaml.safe_load((REPOSITORY / 'config/tri_backbone.yaml').read_text())['/**']['ros__parameters']
+    shipped['controller']['feedback_timeout'] = 3.0  # a loaded machine stands still for more than 0.2 s
+    return shipped | sections
 
 
 class Loop:
