@@ -20,7 +20,7 @@ from sesa2.messages.topic_names import (
     imu_frame,
     imu_topics,
 )
-from sesa2.shape.rotations import FloatArray
+from sesa2.shape.rotations import IDENTITY, FloatArray, conjugate, rotate
 from sesa2.time import NS
 from sesa2.twin.trial import Trial
 
@@ -82,10 +82,14 @@ def write_trial(
             rows = LengthMessages(configuration.lengths.names).make_lengths(stamps, lengths.lengths)
             messages += [(stamp, topic, row) for stamp, row in zip(stamps, rows, strict=True)]
         poses = np.zeros((len(trial.truth_times), len(trial.marker_names), 7))
-        poses[..., :3] = trial.markers
+        # A base that is measured is not known well enough for anybody to turn the truth by it later.
+        frame, turn = (
+            ('base_link', conjugate(trial.base)) if configuration.imus.base_id else ('world', IDENTITY)
+        )
+        poses[..., :3] = rotate(turn, trial.markers)
         poses[..., 6] = 1.0
         n = poses.shape[1]
-        truth = CdrLayout().header(configuration.frame('world')).uint32(n).doubles(7 * n).template()
+        truth = CdrLayout().header(configuration.frame(frame)).uint32(n).doubles(7 * n).template()
         topic = bag.add_topic(absolute(TRUTH_MARKERS), POSE_ARRAY)
         stamps = _stamps(trial.truth_times)
         messages += [

@@ -36,7 +36,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Simulate and write."""
-    from sesa2.bags.trial_bag import write_trial
+    from sesa2.bags.trial_bag import MeasuredLengths, write_trial
+    from sesa2.twin.growing import simulate_growing
     from sesa2.twin.simulation import simulate
 
     c = load_config(options)
@@ -46,15 +47,21 @@ def run(options: argparse.Namespace) -> int:
     if not os.access(folder, os.W_OK | os.X_OK):  # before minutes are spent
         raise Sesa2Error(f'{options.out}: cannot be written: {folder} is no folder that may be written into')
     show = progress('twin')
-    trial = simulate(
-        c,
-        options.seconds,
-        options.seed,
-        (lambda done: show(round(1000 * done), 1000)) if show else None,
-        errors=replace(Bno055Errors(), **dict(map(_error, options.error))),
-        twist=options.twist,
-    )
-    write_trial(trial, c, options.out)
+    report = (lambda done: show(round(1000 * done), 1000)) if show else None
+    errors = replace(Bno055Errors(), **dict(map(_error, options.error)))
+    if c.has_lengths:
+        if options.twist:
+            raise Sesa2Error(
+                '--twist: the arm whose lengths are measured has no hand that twists it, expected 0'
+            )
+        grown = simulate_growing(c, options.seconds, options.seed, report, errors=errors)
+        trial, lengths = grown.trial, MeasuredLengths(grown.length_times, grown.lengths)
+    else:
+        trial, lengths = (
+            simulate(c, options.seconds, options.seed, report, errors=errors, twist=options.twist),
+            None,
+        )
+    write_trial(trial, c, options.out, lengths)
     print(f'{options.out}: {options.seconds:g} s, {len(trial.stamps)} sweeps, truth on /truth/markers')
     return 0
 

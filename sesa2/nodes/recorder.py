@@ -27,6 +27,7 @@ from sesa2.messages.topic_names import (
     imu_topics,
     of_model,
 )
+from sesa2.messages.truth_messages import TRUTH_TYPES
 from sesa2.ros.confined_node import ConfinedNode
 from sesa2.ros.diagnostics import ERROR, OK, WARN, Diagnostics, Part
 from sesa2.ros.parameters import declare_configuration
@@ -86,6 +87,10 @@ class Recorder(ConfinedNode):
             )
         if c.record.imu and c.has_lengths:
             self._subscribe(JointState, LENGTHS_TYPE, BACKBONE_LENGTHS, qos)
+        if c.has_plant:
+            for topic, type_name in TRUTH_TYPES.items():
+                kind = _RESULTS.get(topic.rpartition('/')[2], JointState)
+                self._subscribe(kind, type_name, topic, STREAM)
         if c.record.results:
             for model in c.models:
                 for kind, cls in _RESULTS.items():

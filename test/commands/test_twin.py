@@ -1,6 +1,7 @@
 """`sesa2 twin`: the errors that are asked for are those that the simulated sensors make."""
 
-from dataclasses import fields
+import json
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
@@ -78,3 +79,42 @@ def test_a_trial_is_never_written_over(twin, capsys):
     assert twin()[0] == 1
     assert f'{out}: exists already' in capsys.readouterr().err
     assert list(out.iterdir()) == []
+
+
+@pytest.fixture
+def growing(tmp_path, capsys):
+    """Simulates an arm that grows, replays it and compares both; the errors that `evaluate` prints."""
+
+    def run(change, *arguments):
+        config = tmp_path / 'growing.yaml'
+        c = files.load_configuration('tri_backbone')
+        config.write_text(files.dump(replace(c, plant=replace(c.plant, **change))))
+        trial, out = tmp_path / 'grown', tmp_path / 'estimate'
+        given = ['--config', str(config), '--seconds', '20', '--seed', '2', *arguments]
+        assert main(['twin', '--out', str(trial), *given]) == 0
+        assert main(['replay', str(trial), '--config', str(config), '--out', str(out)]) == 0
+        capsys.readouterr()
+        assert main(['evaluate', str(out), '--truth', str(trial), '--time-offset', '0', '--json']) == 0
+        return json.loads(capsys.readouterr().out)
+
+    return run
+
+
+def test_an_ideal_arm_that_grows_comes_back_to_the_last_digit(growing):
+    """The plant's geometry, lengths and IMUs in a bag, and models that stretch, with nothing but a clock in common."""
+    ideal = dict.fromkeys(('slip', 'affine', 'affine_spread', 'hollow', 'sag', 'encoder_step'), 0.0)
+    told = growing(ideal, *NONE)
+    assert all(marker['rmse_mm'] < 0.01 for model in told['models'].values() for marker in model.values())
+    assert not [w for w in told['warnings'] if 'frame' in w]
+
+
+def test_an_arm_that_slips_does_not(growing):
+    told = growing({'slip': 0.85})
+    assert 3.0 < told['models']['pcc_delta']['tip']['rmse_mm'] < 60.0
+
+
+def test_an_arm_that_grows_has_no_hand_that_twists_it(tmp_path, capsys):
+    out = tmp_path / 'trial'
+    assert main(['twin', '--config', 'tri_backbone', '--out', str(out), '--twist', '0.1']) == 1
+    assert '--twist: ' in capsys.readouterr().err
+    assert not out.exists()
