@@ -12,7 +12,16 @@ from processes import REPOSITORY
 
 import sesa2
 
-NODES = ('calibration', 'estimator', 'plant', 'player', 'recorder', 'serial_bridge', 'viewer')
+NODES = (
+    'calibration',
+    'estimator',
+    'plant',
+    'tip_controller',
+    'player',
+    'recorder',
+    'serial_bridge',
+    'viewer',
+)
 
 
 def test_every_name_is_there_and_explained():

@@ -1,5 +1,5 @@
 """The tip of an arm driven to a target by feedback of its shape; no ROS."""
 
-from sesa2.control.tip_controller import State, TipController
+from sesa2.control.tip_controller import ControlState, TipController
 
-__all__ = ['State', 'TipController']
+__all__ = ['ControlState', 'TipController']

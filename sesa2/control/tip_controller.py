@@ -29,7 +29,7 @@ class ControlError(Sesa2Error):
     """A target or a measurement that is not steered by."""
 
 
-class State(Enum):
+class ControlState(Enum):
     """What the controller does."""
 
     STOPPED = 'stopped'
@@ -101,7 +101,7 @@ class TipController:
         self.watch = FeedbackWatch(options.feedback_timeout, options.tip_speed, places)
         self._law = create_law(options, self.reach)
         self._reference = TipReference(options.tip_speed)
-        self.state, self.reason = State.STOPPED, ''
+        self.state, self.reason = ControlState.STOPPED, ''
         self.target: FloatArray | None = None
         self.reached: Reached | None = None
         self.refused = {'targets': 0, 'lengths': 0}
@@ -134,7 +134,7 @@ class TipController:
             raise ControlError(f'target {np.round(p, 4).tolist()} m: {why}; the one before stays')
         self.target = p.copy()
         self.reached = self.reach.nearest(p, None if self._command is None else self._command)
-        if self.state in (State.RUNNING, State.LIMITED):
+        if self.state in (ControlState.RUNNING, ControlState.LIMITED):
             self.state = self._running()
 
     def hear_estimate(self, now: float, stamp_ns: int, tip: ArrayLike, coordinates: ArrayLike) -> None:
@@ -190,12 +190,12 @@ class TipController:
 
     def stop(self) -> None:
         """Send the measured lengths once, then nothing."""
-        self._parting = self.state in (State.RUNNING, State.LIMITED)
-        self.state, self.reason = State.STOPPED, ''
+        self._parting = self.state in (ControlState.RUNNING, ControlState.LIMITED)
+        self.state, self.reason = ControlState.STOPPED, ''
 
-    def _running(self) -> State:
+    def _running(self) -> ControlState:
         out_of_reach = self.reached is not None and self.reached.left > _LEFT
-        return State.LIMITED if out_of_reach else State.RUNNING
+        return ControlState.LIMITED if out_of_reach else ControlState.RUNNING
 
     # What it does
 
@@ -209,7 +209,7 @@ class TipController:
         dt
             since the step before, s.
         """
-        if self.state not in (State.RUNNING, State.LIMITED):
+        if self.state not in (ControlState.RUNNING, ControlState.LIMITED):
             if not self._parting:
                 return None
             self._parting = False
@@ -267,5 +267,5 @@ class TipController:
         return min(1.0, self.options.length_rate * dt / fastest) if fastest > 0.0 else 1.0
 
     def _hold(self, reason: str) -> FloatArray | None:
-        self.state, self.reason, self._command = State.HOLD, reason, None
+        self.state, self.reason, self._command = ControlState.HOLD, reason, None
         return self._measured

@@ -13,7 +13,7 @@ from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from sesa2.configuration import ConfigurationError, Mistake
-from sesa2.control import State
+from sesa2.control import ControlState
 from sesa2.control.tip_controller import ControlError
 from sesa2.errors import Sesa2Error
 from sesa2.messages.imu_messages import read_imu
@@ -30,7 +30,12 @@ from sesa2.time import NS
 # A step that comes late is taken for no longer than this, s.
 _LONGEST_STEP_S = 0.1
 _NOT_ALL = 'without all of the backbones that are driven'
-_LEVELS = {State.STOPPED: OK, State.RUNNING: OK, State.LIMITED: WARN, State.HOLD: ERROR}
+_LEVELS = {
+    ControlState.STOPPED: OK,
+    ControlState.RUNNING: OK,
+    ControlState.LIMITED: WARN,
+    ControlState.HOLD: ERROR,
+}
 
 
 class TipControllerNode(ConfinedNode):
@@ -167,7 +172,7 @@ class TipControllerNode(ConfinedNode):
         lengths = self.controller.step(now, max(dt, 1e-4))
         if lengths is not None:
             self._publish(lengths)
-        if self.controller.state is State.HOLD and before is not State.HOLD:
+        if self.controller.state is ControlState.HOLD and before is not ControlState.HOLD:
             self.get_logger().error(
                 f'hold: {self.controller.reason}; tip_controller/start goes on from where the arm is'
             )
@@ -207,7 +212,7 @@ class TipControllerNode(ConfinedNode):
         values: dict[str, Any] = {'state': k.state.name, 'commands': self.n_commands}
         if k.reached is not None:
             values['left_mm'] = f'{1e3 * k.reached.left:.1f}'
-            if k.state is State.LIMITED:
+            if k.state is ControlState.LIMITED:
                 text = f'{text}, {1e3 * k.reached.left:.0f} mm are left'
         refused = self._refused.total() + self._intake.refused.total()
         if refused > self._last_refused:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from looped_arm import DT, LoopedArm, racks
 
-from sesa2.control import State, TipController
+from sesa2.control import ControlState, TipController
 from sesa2.control.controller_options import ControllerOptions
 from sesa2.control.tip_controller import ControlError
 from sesa2.plant.plant_options import HEAVY, MILD
@@ -27,7 +27,7 @@ def running(plant=MILD, seed=0, **options):
 def test_with_the_true_tip_fed_back_the_target_is_reached(law, plant):
     arm = running(plant, owner=None, law=law, gain=2.5 if law == 'rates' else 1.0)
     arm.go(TARGET, 12.0)
-    assert arm.controller.state is State.RUNNING, arm.controller.reason
+    assert arm.controller.state is ControlState.RUNNING, arm.controller.reason
     assert np.linalg.norm(arm.plant.tip - TARGET) < 0.008
 
 
@@ -45,19 +45,19 @@ def test_three_segments():
     )
     goal = arm.plant.tip + np.array([0.06, -0.05, -0.03])
     arm.go(goal, 8.0)
-    assert arm.controller.state is State.RUNNING, arm.controller.reason
+    assert arm.controller.state is ControlState.RUNNING, arm.controller.reason
     assert np.linalg.norm(arm.plant.tip - goal) < 0.006
 
 
 def test_it_starts_stopped_and_without_a_target_holds_the_tip():
     arm = LoopedArm(MILD)
     arm.run(0.5)
-    assert arm.controller.state is State.STOPPED
+    assert arm.controller.state is ControlState.STOPPED
     assert not arm.sent
     arm.controller.start()
     before = arm.plant.tip
     arm.run(1.0)
-    assert arm.controller.state is State.RUNNING
+    assert arm.controller.state is ControlState.RUNNING
     assert len(arm.sent) > 90
     assert np.linalg.norm(arm.plant.tip - before) < 0.002
 
@@ -65,7 +65,7 @@ def test_it_starts_stopped_and_without_a_target_holds_the_tip():
 def held(arm, seconds=1.0):
     """Runs it into a fault; what went out last are the measured lengths, and then nothing."""
     arm.run(seconds)
-    assert arm.controller.state is State.HOLD
+    assert arm.controller.state is ControlState.HOLD
     n = len(arm.sent)
     arm.run(0.5)
     assert len(arm.sent) == n
@@ -140,7 +140,7 @@ def test_a_minute_of_motion_and_rest_is_no_fault(plant):
         bend, way = rng.uniform(0.0, 1.2), rng.uniform(0, 2 * np.pi)
         q = [bend * np.cos(way), bend * np.sin(way), rng.uniform(0.13, 0.22)]
         arm.go(arm.kinematics.backbone(q).positions([0.16])[0], 5.0)
-        assert arm.controller.state is State.RUNNING, arm.controller.reason
+        assert arm.controller.state is ControlState.RUNNING, arm.controller.reason
 
 
 def test_stamps_that_stand_still_are_no_news():
@@ -167,11 +167,11 @@ def test_a_target_that_is_none_leaves_the_old_one(target):
 def test_what_is_out_of_reach_is_approached_and_told():
     arm = running(owner=None)
     arm.go([0.0, 0.4, 0.2], 6.0)
-    assert arm.controller.state is State.LIMITED
+    assert arm.controller.state is ControlState.LIMITED
     assert arm.controller.reached.left > 0.1
     assert np.linalg.norm(arm.plant.tip - arm.controller.reached.point) < 0.01
     arm.go(TARGET, 6.0)
-    assert arm.controller.state is State.RUNNING
+    assert arm.controller.state is ControlState.RUNNING
     assert np.linalg.norm(arm.plant.tip - TARGET) < 0.006
 
 
@@ -208,7 +208,7 @@ def test_stopping_sends_the_measured_lengths_once():
     arm.controller.stop()
     arm.run(0.3)
     assert len(arm.sent) == n + 1
-    assert arm.controller.state is State.STOPPED
+    assert arm.controller.state is ControlState.STOPPED
 
 
 def test_backbones_that_do_not_drive_are_refused():
