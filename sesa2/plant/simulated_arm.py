@@ -154,6 +154,12 @@ class Plant:
             lengths[self.driven] = self.encoders
         return self._backbones.uncalibrated(lengths)
 
+    def commanded(self, said: ArrayLike) -> FloatArray:
+        """Lengths that a driver goes to when it is told these, (3 m,), m: its own, as it says them of the backbones."""
+        own = np.zeros(self._backbones.n_backbones)
+        own[self.driven] = said
+        return self._backbones.calibrated(own)[self.driven]
+
     @property
     def imu_orientations(self) -> FloatArray:
         """What the IMUs measure, (n_imu, 4) or one more with that on the base: q_WL with all errors, x y z w."""

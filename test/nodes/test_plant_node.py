@@ -251,3 +251,17 @@ def test_alone_it_names_the_port_of_its_imus(graph, tmp_path):
         program.signal(2)
         assert program.ended() == 0
         assert 'Traceback' not in program.errors
+
+
+def test_commands_are_in_the_units_of_what_is_said(graph, plant):
+    """A driver whose counts are 2 % short is told, and says, its own lengths."""
+    commands = graph.probe.create_publisher(JointTrajectory, 'command', STREAM)
+    p = plant(lengths=values()['lengths'] | {'scales': [1.02], 'offsets': [0.005]})
+    lengths = graph.listen(JointState, 'backbone_lengths', STREAM)
+    graph.matched('command')
+    commands.publish(trajectory(NAMES, WANTED))
+    graph.until(
+        lambda: lengths and np.allclose(lengths[-1].position, WANTED, atol=1e-6),
+        'the lengths that were commanded',
+    )
+    np.testing.assert_allclose(p._live.plant.encoders, 1.02 * WANTED + 0.005, rtol=0, atol=1e-6)

@@ -70,10 +70,10 @@ class LivePlant:
             self._stop()
 
     def command(self, lengths: ArrayLike) -> None:
-        """Drive the racks to these lengths, (n,) in the order of `names`, m."""
+        """Drive the racks to these lengths, (n,) in the order of `names`, m: as they are said, before scale and offset."""
         with self._lock:
             self._stop()
-            self._command = np.array(lengths, dtype=float)
+            self._command = self.plant.commanded(lengths)
 
     def push(self, bend: ArrayLike) -> None:
         """Push the arm: bend_x and bend_y, rad; 0 lets it go."""
