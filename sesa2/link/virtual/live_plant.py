@@ -70,7 +70,7 @@ class LivePlant:
             self._stop()
 
     def command(self, lengths: ArrayLike) -> None:
-        """Drive the racks to these lengths, (n,) in the order of `names`, m: as they are said, before scale and offset."""
+        """Drive the racks to lengths as they are said, before scale and offset; (n,) in the order of `names`, m."""
         with self._lock:
             self._stop()
             self._command = self.plant.commanded(lengths)
