@@ -3,7 +3,6 @@
 from sesa2.configuration import Configuration
 
 CLOCK = '/clock'
-BACKBONE_LENGTHS = 'backbone_lengths'
 COMMAND = 'command'
 CONFIGURATION = 'configuration'
 BACKBONE_LENGTHS = 'backbone_lengths'
