@@ -12,7 +12,7 @@ from sesa2.estimation.sweeps import Sweep, SweepAssembler
 from sesa2.estimation.time_steps import BACK_NS
 from sesa2.messages.header_bytes import with_stamp
 from sesa2.messages.length_messages import LengthIntake, SaidLengths
-from sesa2.messages.length_words import about_lengths
+from sesa2.messages.length_words import about_clocks, about_lengths
 
 
 class RecordedLengths:
@@ -78,6 +78,7 @@ class RecordedLengths:
     def problems(self) -> list[str]:
         """What was not as it should be, for people; complete after reading."""
         lines = about_lengths(self._names, self.intake, self.sweeps)
+        lines += about_clocks(self._names, self.sweeps)
         if self._unstamped:
             lines.append(
                 f'lengths: {self._unstamped} messages have no stamp (0); the time of their recording stands in'

@@ -8,7 +8,7 @@ from sesa2.messages.length_messages import LengthIntake
 
 
 def about_lengths(names: Sequence[str], intake: LengthIntake, lengths: SweepLengths) -> list[str]:
-    """Messages and samples that were refused, jumps and clocks that are off, one sentence each."""
+    """Messages and samples that were refused, and jumps, one sentence each."""
     lines = [
         f'lengths: {n} messages not used: {reason}: {intake.example[reason]}'
         for reason, n in intake.refused.items()
@@ -17,5 +17,9 @@ def about_lengths(names: Sequence[str], intake: LengthIntake, lengths: SweepLeng
         lines += [f'{name}: {n} samples not used: {reason}' for reason, n in track.dropped.items()]
         if track.jumps:
             lines.append(f'{name}: its length jumped {track.jumps} times, faster than {track.rate_max:g} m/s')
-    lines += [f'{names[k]}: {lag_in_words(lag, "the IMUs")}' for k, lag in lengths.lags.items()]
     return lines
+
+
+def about_clocks(names: Sequence[str], lengths: SweepLengths) -> list[str]:
+    """Clocks that are off, one sentence each."""
+    return [f'{names[k]}: {lag_in_words(lag, "the IMUs")}' for k, lag in lengths.lags.items()]

@@ -11,7 +11,7 @@ from sesa2.configuration import Configuration
 from sesa2.estimation.estimator import Estimator
 from sesa2.estimation.sweeps import Sweep, SweepAssembler
 from sesa2.messages.length_messages import LengthIntake
-from sesa2.messages.length_words import about_lengths
+from sesa2.messages.length_words import about_clocks, about_lengths
 from sesa2.messages.topic_names import BACKBONE_LENGTHS
 from sesa2.ros.confined_node import ConfinedNode
 from sesa2.ros.diagnostics import ERROR, OK, WARN, Part
@@ -64,6 +64,7 @@ class LengthListening:
         self._told: set[str] = set()
         self._taken_before = [0] * len(self._names)
         self._without_before = Counter[int]()
+        self._counted_before: list[str] = []
         self._reported = time.monotonic()
         qos = ANY_STREAM if configuration.run.source == 'external' else STREAM
         self._subscription = node.create_subscription(
@@ -126,9 +127,13 @@ class LengthListening:
             values |= {f'{name}: dropped: {reason}': n for reason, n in track.dropped.items()}
         self._without_before = Counter(self.sweeps.n_without)
         values |= {f'refused: {reason}': n for reason, n in self.intake.refused.items()}
-        doubts = about_lengths(self._names, self.intake, self.sweeps)
+        counted = about_lengths(self._names, self.intake, self.sweeps)
         if self._unstamped:
-            doubts.append(f'{self._unstamped} messages {_NO_STAMP}')
+            counted.append(f'{self._unstamped} messages {_NO_STAMP}')
+        # What has been told and not become more is over; the counts still show it.
+        doubts = [line for line in counted if line not in self._counted_before]
+        self._counted_before = counted
+        doubts += about_clocks(self._names, self.sweeps)
         if errors:
             publishers = self._node.count_publishers(BACKBONE_LENGTHS)
             nobody = '' if publishers else f'; nobody publishes {BACKBONE_LENGTHS}'

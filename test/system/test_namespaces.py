@@ -225,6 +225,6 @@ def test_a_bag_of_an_arm_that_grows_is_played_with_its_lengths():
         'segments': {'lengths': [0.3]},
         'lengths': {'names': ['b1']},
     }
-    for source, played in (('bag', True), ('external', False), ('sim', False)):
+    for source, played in (('bag', True), ('external', False)):
         topics = claimed_topics(validate({**values, 'run': {'source': source, 'bag': 'b'}}))
         assert ('backbone_lengths' in topics) is played
