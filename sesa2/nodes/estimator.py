@@ -43,12 +43,13 @@ from sesa2.time import NS
 
 # What of the past `~/align` looks at: the arm was straight for so long.
 _POSE_NS = 3 * NS
-# How often the clock is looked at for sweeps that need not wait any longer.
-_LOOK_EVERY_NS = NS // 20
 _EVERY_TENTH = 10  # of the sweeps tells as well how the arm stands
 
 # Stamps that go on by so many times more or less than time does are in another unit, if there are enough of them.
 _FACTOR, _ENOUGH = 20.0, 20
+
+# How often the clock is looked at for sweeps that need not wait for lengths any longer.
+_LOOK_EVERY_NS = NS // 20
 
 # What an alignment changes.
 _ALIGNED = ('imus.mount_orientations', 'imus.headings')
@@ -163,6 +164,8 @@ class EstimatorNode(ConfinedNode):
         self._last_report = (time.monotonic(), Counter[int](), 0)
         self._listened_ns = 0
         self._looked_ns = time.monotonic_ns()
+        if self._lengths is not None:
+            self._watchdog = self.create_timer(_LOOK_EVERY_NS / NS, self._look_for_lengths)
         self._recent: deque[Sweep] = deque()
         self._align_services = [
             self.create_service(Trigger, '~/align', partial(self._align, headings=False)),
@@ -171,7 +174,6 @@ class EstimatorNode(ConfinedNode):
         self._save_service = self.create_service(Trigger, '~/save', self._save)
         self._aligning = False
         self.add_on_set_parameters_callback(self._refuse_from_outside)
-        self._watchdog = self.create_timer(_LOOK_EVERY_NS / NS, self._close_overdue)
         self._diagnostics = Diagnostics(self, 'arm', self._report)
         if self.configuration.run.source == 'external':  # ours say themselves what they miss
             self._first_look = self.create_timer(PATIENCE_S, self._tell_unheard)
@@ -182,7 +184,7 @@ class EstimatorNode(ConfinedNode):
 
         def take(data: bytes) -> None:
             self.received[imu] += 1
-            arrival_ns = self._listening_clock()
+            now_ns = time.monotonic_ns()
             try:
                 if by_arrival or not read_stamp(data):
                     data = with_stamp(data, self._time_of_arrival(imu, read_stamp(data)))
@@ -193,15 +195,15 @@ class EstimatorNode(ConfinedNode):
             if sample is None:
                 return
             self._newest_ns[imu] = sample[0]
-            if sweeps := add(index, *sample, arrival_ns):
-                self._put(sweeps, arrival_ns)
+            if sweeps := add(index, *sample, now_ns):
+                self._put(sweeps)
 
         return take
 
-    def _put(self, sweeps: list[Sweep], arrival_ns: int) -> None:
+    def _put(self, sweeps: list[Sweep]) -> None:
         """Publish sweeps, those of an arm whose lengths are measured once they have theirs."""
         if self._lengths is not None:
-            self._lengths.put(sweeps, arrival_ns)
+            self._lengths.put(sweeps, self._listening_clock())
             return
         for sweep in sweeps:
             self._publish(sweep)
@@ -241,10 +243,9 @@ class EstimatorNode(ConfinedNode):
         self._looked_ns = now_ns
         return self._listened_ns
 
-    def _close_overdue(self) -> None:
-        """When an IMU falls silent, and when all do, no sample comes at the right time to show it."""
-        now_ns = self._listening_clock()
-        self._put(self.assembler.close_overdue(now_ns), now_ns)
+    def _look_for_lengths(self) -> None:
+        """Sweeps whose lengths will not come any more need not wait, though no sample comes to show it."""
+        self._put([])
 
     def _publish(self, sweep: Sweep) -> None:
         if self._recent and sweep.stamp_ns <= self._recent[-1].stamp_ns:
