@@ -32,6 +32,7 @@ from sesa2.messages.robot import describe_robot
 from sesa2.messages.topic_names import CONFIGURATION, imu_fields, imu_name, imu_topics, of_model
 from sesa2.ros.confined_node import ConfinedNode
 from sesa2.ros.diagnostics import ERROR, OK, WARN, Diagnostics, Part
+from sesa2.ros.hand_over import HandOver
 from sesa2.ros.length_listening import LengthListening
 from sesa2.ros.parameters import declare_configuration, origin_of
 from sesa2.ros.qos import ANY_STREAM, LATCHED, STREAM, telling_why_unheard
@@ -69,6 +70,11 @@ _CLASSES = {
 class EstimatorNode(ConfinedNode):
     """Publishes one result per sweep and model, stamped with the measurement's time.
 
+    Parameters
+    ----------
+    hand_over
+        what the IMUs' messages come by; None: from their topics.
+
     Attributes
     ----------
     intake
@@ -85,7 +91,7 @@ class EstimatorNode(ConfinedNode):
         number of those without a stamp.
     """
 
-    def __init__(self, **options: Any):
+    def __init__(self, hand_over: HandOver | None = None, **options: Any):
         super().__init__('estimator', automatically_declare_parameters_from_overrides=True, **options)
         self.configuration = declare_configuration(self, changing=_ALIGNED)
         self._origin = origin_of(self)
@@ -118,24 +124,24 @@ class EstimatorNode(ConfinedNode):
         self._imu_topics = imu_topics(self.configuration)
         # Our own bridge and player are reliable; with other people's drivers anything that can be heard will do.
         qos = ANY_STREAM if self.configuration.run.source == 'external' else STREAM
-        self._subscriptions_of_imus = [
-            self.create_subscription(
-                Imu,
-                self._imu_topics[i],
-                self._take(index),
-                qos,
-                event_callbacks=telling_why_unheard(self, self._imu_topics[i]),
-                raw=True,
-            )
+        self._hand_over = hand_over
+        taken: list[tuple[type, str, Callable[[bytes], None]]] = [
+            (Imu, self._imu_topics[i], self._take(index))
             for index, i in enumerate(self._ids)
             if i in imus.used_ids
         ]
         if self.intake.wants_fields:
-            self._subscriptions_of_imus += [
-                self.create_subscription(MagneticField, topic, partial(self._take_field, i), qos, raw=True)
+            taken += [
+                (MagneticField, topic, partial(self._take_field, i))
                 for i, topic in imu_fields(self.configuration).items()
                 if i in imus.used_ids
             ]
+        for kind, topic, callback in taken:
+            if hand_over:
+                hand_over.listen(self, topic, callback)
+            else:
+                events = telling_why_unheard(self, topic) if kind is Imu else None
+                self.create_subscription(kind, topic, callback, qos, event_callbacks=events, raw=True)
         self._newest_ns: dict[int, int] = {}  # stamp of each IMU, and as it was at the last report
         self._reported_ns: dict[int, int] = {}
         self._lengths = (
@@ -258,9 +264,8 @@ class EstimatorNode(ConfinedNode):
         if not estimate.models:
             return
         for topic, publisher in self._topics:
-            if topic.name.endswith('/marker_array') and not publisher.get_subscription_count():
-                continue
-            publisher.publish(self._messages.make(topic, estimate)[0])
+            if publisher.get_subscription_count():
+                publisher.publish(self._messages.make(topic, estimate)[0])
         self.latest = estimate
         self.n_sweeps += 1
         for name, result in estimate.models.items():
@@ -437,6 +442,8 @@ class EstimatorNode(ConfinedNode):
             'unreadable': self._unreadable,
             **dropped,
         }
+        if self._hand_over and self._hand_over.lost:
+            counts['dropped: came faster than they could be taken'] = self._hand_over.lost
         if no_base:
             level, text = ERROR, f'no result: IMU {base_id} on the base is silent'
         elif sweeps:
