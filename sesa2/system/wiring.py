@@ -186,6 +186,7 @@ class System:
             self._end(self.nodes.pop())
         while self.boards:
             self.boards.pop().close()
+        self._claims.release()
 
     def end(self) -> None:
         """End all nodes for good."""
