@@ -72,7 +72,7 @@ class SweepAssembler:
     the clock, for longer than a message may be on its way (`Arrivals`), without a word of that IMU meanwhile, but of
     others: a time in which nothing at all is heard does not count. It is not waited for until it is heard again. Where
     samples come without a time of arrival, stamps alone decide. Where an IMU's own samples show that it was silent in
-    between, and others were not, the sweeps in between do without it.
+    between, and at least half of the others were not, the sweeps in between do without it.
 
     Sweeps leave in order of their stamps. Samples that cannot be used are counted in `dropped`, by reason. Between IMUs
     samples may arrive in any order.
@@ -388,16 +388,20 @@ class SweepAssembler:
                 self._let_go([index for _, index in there])
                 self.dropped['before there were samples of all'] += len(there)
                 continue
-            if len(there) < len(members) and not (on := went_on(there, self._imus, self._timeout_ns)):
-                if on is None and not whatever_the_clock and self._may_go_on(there):
+            most = 2 * len(there) >= len(members)
+            if len(there) < len(members) and not (
+                most and (on := went_on(there, self._imus, self._timeout_ns))
+            ):
+                if most and on is None and not whatever_the_clock and self._may_go_on(there):
                     break
-                # No IMU was silent while others measured: the link was cut in the middle of a sweep.
+                # No IMU was silent while most others measured: the link was cut in the middle of a sweep.
                 self._let_go([index for _, index in there])
                 self.dropped[NOT_WHOLE] += len(there)
                 continue
             members = catch_up(there, self._imus)
             left_out = left_over(members, self._imus)
-            if left_out and all(
+            most = 2 * len(left_out) >= len(members)
+            if most and all(
                 comes_back(m, members, self._imus, self._timeout_ns) for m in members if m not in left_out
             ):
                 members = left_out

@@ -35,7 +35,7 @@ from sesa2.ros.diagnostics import ERROR, OK, WARN, Diagnostics, Part
 from sesa2.ros.hand_over import HandOver
 from sesa2.ros.length_listening import LengthListening
 from sesa2.ros.parameters import declare_configuration, origin_of
-from sesa2.ros.qos import ANY_STREAM, LATCHED, STREAM, telling_why_unheard
+from sesa2.ros.qos import ANY_BURSTS, BURSTS, LATCHED, STREAM, telling_why_unheard
 from sesa2.ros.spinning import run_alone
 from sesa2.ros.unheard_imus import PATIENCE_S, why_unheard
 from sesa2.sensing.lengths import NO_LENGTHS, outside_in_words
@@ -123,7 +123,7 @@ class EstimatorNode(ConfinedNode):
         self._ids = imus.all_ids
         self._imu_topics = imu_topics(self.configuration)
         # Our own bridge and player are reliable; with other people's drivers anything that can be heard will do.
-        qos = ANY_STREAM if self.configuration.run.source == 'external' else STREAM
+        qos = ANY_BURSTS if self.configuration.run.source == 'external' else BURSTS
         self._hand_over = hand_over
         taken: list[tuple[type, str, Callable[[bytes], None]]] = [
             (Imu, self._imu_topics[i], self._take(index))

@@ -322,6 +322,18 @@ def test_when_most_fall_silent_the_rest_waits_longer(n_silent, pause):
     assert a.alive == [i >= n_silent for i in range(8)]
 
 
+@pytest.mark.parametrize(('n_silent', 'n_partial'), [(1, 30), (4, 30), (5, 0), (7, 0)])
+def test_of_a_silence_of_most_that_was_short_nothing_is_made(n_silent, n_partial):
+    samples = list(board(3000, 8))
+    start = samples[0][1] + 25_000 * MS
+    there = [(t, i, t) for i, t in samples if not (i < n_silent and start <= t + 2 * MS < start + 300 * MS)]
+    a = SweepAssembler([True] * 8, patience=5.0)
+    sweeps = live(a, there)
+    assert sum(not s.measured.all() for s in sweeps) == n_partial
+    assert len(sweeps) == 2970 + n_partial
+    assert sum(a.dropped.values()) == (0 if n_partial else 30 * (8 - n_silent))
+
+
 @pytest.mark.parametrize('patience', [None, 5.0])
 def test_nothing_is_made_of_one_imu_while_nobody_is_heard(patience):
     a = SweepAssembler([True] * 2, patience=patience)
