@@ -3,6 +3,8 @@
 The virtual arm is made of arcs between its IMUs, so `pcc_exact` on the true orientations is the arm itself.
 """
 
+import time
+
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -83,10 +85,17 @@ class Live:
         self.configuration = self.estimator.configuration
 
     def settled(self, n=20):
-        """Wait until results come that are of now."""
-        lists = (self.shapes, self.markers, self.joints)
+        """Wait until results come that are of now, and not of what still stood in queues."""
+        lists, now_ns = (self.shapes, self.markers, self.joints), time.time_ns()
         before = [len(messages) for messages in lists]
-        self.graph.until(lambda: all(len(m) >= b + n for m, b in zip(lists, before, strict=True)), 'results')
+
+        def of_now():
+            return all(
+                len(m) >= b + n and m[-1].header.stamp.sec * 10**9 + m[-1].header.stamp.nanosec > now_ns
+                for m, b in zip(lists, before, strict=True)
+            )
+
+        self.graph.until(of_now, 'results')
         return self
 
     def truth(self, board):
