@@ -48,6 +48,8 @@ def rows(seconds=60.0):
                 runs.append(start(folder, f'{arm}_run', 'run', '--config', 'prototype3_8', *on))
             with listening() as (hear, heard):
                 hear(WARM_UP_S)
+                for stamps in heard.values():  # those while topics were connected
+                    stamps.clear()
                 before, began = [used(run) for run in runs], time.monotonic()
                 hear(seconds)
                 after, elapsed = [used(run) for run in runs], time.monotonic() - began
