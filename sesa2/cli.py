@@ -5,6 +5,7 @@ import os
 import signal
 import sys
 from collections.abc import Sequence
+from pathlib import Path
 
 from sesa2.errors import Sesa2Error
 from sesa2.faults import fault_line, log_tracebacks
@@ -20,6 +21,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     -------
     Exit code: 0 done, 1 failed with a message on standard error, 2 wrong usage.
     """
+    # Closed ones would be None, and the next file that is opened would stand in for them.
+    for name in ('stdin', 'stdout', 'stderr'):
+        if getattr(sys, name) is None:
+            setattr(sys, name, Path(os.devnull).open('r' if name == 'stdin' else 'w'))  # noqa: SIM115
     # Line by line also into a pipe, so that what was said before a kill is there.
     # A terminal that lacks a character gets it escaped.
     sys.stdout.reconfigure(line_buffering=True, errors='backslashreplace')  # type: ignore[union-attr]

@@ -163,6 +163,26 @@ def test_a_reader_that_leaves_is_no_failure():
     assert (program.returncode, program.stderr) == (0, b'')
 
 
+@pytest.mark.parametrize('closed', [(1,), (2,), (0, 1, 2)])
+@pytest.mark.parametrize(('file', 'code'), [('prototype3_8', 0), ('nothing', 1)])
+def test_closed_streams_are_no_failure(closed, file, code):
+    program = subprocess.run(
+        [sys.executable, '-m', 'sesa2.cli', 'check', file],
+        capture_output=True,
+        preexec_fn=lambda: [os.close(stream) for stream in closed],
+        env={**os.environ, 'PYTHONPATH': str(REPOSITORY)},
+    )
+    assert program.returncode == code
+    assert b'Traceback' not in program.stderr
+
+
+@pytest.mark.parametrize('option', ['--time-offset', '--marker'])
+def test_a_huge_value_is_shortened_in_the_message(capfd, option):
+    with pytest.raises(SystemExit):
+        main(['evaluate', 'bag', '--truth', 'truth', option, 100_000 * 'x'])
+    assert len(capfd.readouterr().err.splitlines()[-1]) < 300
+
+
 # replay
 
 

@@ -8,6 +8,7 @@ from typing import TypeVar
 
 from sesa2.configuration import Configuration, files
 from sesa2.configuration.ros_names import is_topic_name
+from sesa2.errors import shown
 from sesa2.messages.topic_names import TRUTH_MARKERS
 
 _Number = TypeVar('_Number', int, float)
@@ -132,11 +133,11 @@ def _offset(text: str) -> float | None:
     try:
         return float(text)
     except ValueError:
-        raise argparse.ArgumentTypeError(f'got {text!r}, expected auto or a number of seconds') from None
+        raise argparse.ArgumentTypeError(f'got {shown(text)}, expected auto or a number of seconds') from None
 
 
 def _renamed(text: str) -> tuple[str, str]:
     ours, equals, theirs = text.partition('=')
     if not (ours and equals and theirs):
-        raise argparse.ArgumentTypeError(f'got {text!r}, expected MARKER=NAME, such as M1=Arm:tip')
+        raise argparse.ArgumentTypeError(f'got {shown(text)}, expected MARKER=NAME, such as M1=Arm:tip')
     return ours, theirs

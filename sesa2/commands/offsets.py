@@ -3,7 +3,7 @@
 import argparse
 from pathlib import Path
 
-from sesa2.errors import Sesa2Error
+from sesa2.errors import Sesa2Error, shown
 from sesa2.sensing.imu.bno055.offsets import load_offsets, offsets_are_there, read_chip_offsets, save_offsets
 
 
@@ -42,5 +42,5 @@ def run(options: argparse.Namespace) -> int:
 def _chip(text: str) -> tuple[int, Path]:
     imu, equals, path = text.partition('=')
     if not (equals and path and imu.isascii() and imu.isdigit() and int(imu) > 0):
-        raise argparse.ArgumentTypeError(f'got {text!r}, expected ID=FILE, such as 1=registers.txt')
+        raise argparse.ArgumentTypeError(f'got {shown(text)}, expected ID=FILE, such as 1=registers.txt')
     return int(imu), Path(path)

@@ -33,6 +33,16 @@ def comes_back(member: Member, members: list[Member], imus: Sequence[ImuQueue], 
     return imu.used is not None and silence > timeout_ns + _period(members, imus)
 
 
+def went_on(members: list[Member], imus: Sequence[ImuQueue], timeout_ns: int) -> bool | None:
+    """Whether any of these measured again soon; None where that is not known of all of them yet."""
+    soon_ns = timeout_ns + _period(members, imus)
+    queues = [(stamp, imus[index].waiting) for stamp, index in members]
+    following = [(stamp, queue[1].stamp_ns) for stamp, queue in queues if len(queue) > 1]
+    if any(later - stamp <= soon_ns for stamp, later in following):
+        return True
+    return False if len(following) == len(members) else None
+
+
 def catch_up(members: list[Member], imus: Sequence[ImuQueue]) -> list[Member]:
     """Pass over samples of faster IMUs that are older than need be; (stamp, index) of the first waiting ones."""
     newest = max(members)[0]

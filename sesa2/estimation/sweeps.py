@@ -1,8 +1,9 @@
 """Single samples of the IMUs put together into sweeps, by the samples' own stamps and the clock of their arrival.
 
 Over a network a topic's messages may come in bursts, long after those of other topics that were measured later. So
-stamps alone do not tell that an IMU is silent: where there is a clock, a sweep waits until it says so too. What it may
-cost is a pause when an IMU dies; no sweep is lost by it, and none is given twice or out of order.
+stamps alone do not tell that an IMU is silent: where there is a clock, a sweep waits until it says so too. That clock
+goes on while others are heard: when nobody is, the link stands still, and its topics will come back one by one. What it
+may cost is a pause when an IMU dies; no sweep is lost by it, and none is given twice or out of order.
 """
 
 from collections import Counter
@@ -20,7 +21,7 @@ from sesa2.estimation.imu_queue import (
     Quaternion,
     WaitingSample,
 )
-from sesa2.estimation.instants import Member, catch_up, comes_back, left_over, present
+from sesa2.estimation.instants import Member, catch_up, comes_back, left_over, present, went_on
 from sesa2.estimation.rounds import whole_rounds
 from sesa2.estimation.time_steps import AHEAD_NS, BACK_NS, HeldSample, TimeSteps, step_in_words
 from sesa2.shape.rotations import FloatArray, slerp
@@ -28,7 +29,12 @@ from sesa2.time import NS
 
 # At the start, and after a pause of all, the topics come one after another: for so long no sweep is made of a few.
 _RESUMING_NS = NS
+# By so much the clock goes on between two messages; what is more is a link, or a listener, that stood still.
+_PAUSE_NS = NS // 10
+# When most fall silent at once it is likelier the link, and what the few that are left say is hardly a shape.
+_MOST_PATIENCE_NS = NS
 # Why samples are not used.
+NOT_WHOLE = 'of a sweep that was not whole'
 NO_BASE = 'of a sweep without the orientation of the base'
 # Of one IMU; with more that wait, whoever is missing is silent whatever the clock says.
 WAITING_MAX = 10_000
@@ -63,9 +69,10 @@ class SweepAssembler:
     """Gives a sweep when every living IMU has a newer sample, or when it is known that one is silent.
 
     An IMU is silent when a sample of the sweep is older than the newest of all by the timeout, and has been there, by
-    the clock, for longer than a message may be on its way (`Arrivals`), without a word of that IMU meanwhile. It is
-    not waited for until it is heard again. Where samples come without a time of arrival, stamps alone decide. Where an
-    IMU's own samples show that it was silent in between, the sweeps in between do without it.
+    the clock, for longer than a message may be on its way (`Arrivals`), without a word of that IMU meanwhile, but of
+    others: a time in which nothing at all is heard does not count. It is not waited for until it is heard again. Where
+    samples come without a time of arrival, stamps alone decide. Where an IMU's own samples show that it was silent in
+    between, and at least half of the others were not, the sweeps in between do without it.
 
     Sweeps leave in order of their stamps. Samples that cannot be used are counted in `dropped`, by reason. Between IMUs
     samples may arrive in any order.
@@ -117,6 +124,7 @@ class SweepAssembler:
         self._steps = TimeSteps()
         self.dropped: Counter[str] = Counter()
         self.resets = 0
+        self._arrived_ns = 0  # when the last message did
         self.reset()
 
     def reset(self) -> None:
@@ -131,7 +139,7 @@ class SweepAssembler:
         self._since_ns = 0
         self.newest_ns: int | None = None  # of all samples of the present time
         self._closed_ns: int | None = None  # newest sample of the last sweep
-        self._now_ns: int | None = None  # None where there is no clock
+        self._now_ns: int | None = None  # the clock that counts; None where there is none
 
     def holds(self, index: int) -> bool:
         """Whether samples of an IMU are held, since their stamps are of another time than the rest."""
@@ -177,8 +185,10 @@ class SweepAssembler:
             return []
         stamp_ns -= self._latency_ns
         if arrival_ns is not None:
-            self._now_ns = arrival_ns
             self.arrivals.observe(index, stamp_ns, arrival_ns)
+            now_ns = arrival_ns if self._now_ns is None else self._now_ns
+            self._now_ns = now_ns + min(max(0, arrival_ns - self._arrived_ns), _PAUSE_NS)
+            self._arrived_ns, arrival_ns = arrival_ns, self._now_ns
         imu, newest_ns = self._imus[index], self.newest_ns
         if newest_ns is not None:
             if stamp_ns > newest_ns + AHEAD_NS:
@@ -241,14 +251,15 @@ class SweepAssembler:
             return [], 0
         stamps, q = rounds.stamps_ns[1 : n + 1], rounds.orientations[1 : n + 1]
         order = rounds.indices.tolist()
+        passed_ns = np.diff(arrivals_ns[: n * m], prepend=self._arrived_ns).clip(0, _PAUSE_NS)
+        clock_ns = (arrivals_ns[0] if self._now_ns is None else self._now_ns) + passed_ns.cumsum()
         for place, index in enumerate(order):
-            arrived = arrivals_ns[place : n * m : m]
-            self.arrivals.observe_many(index, stamps[:, place], arrived)
+            self.arrivals.observe_many(index, stamps[:, place], arrivals_ns[place : n * m : m])
             imu = self._imus[index]
             imu.last_ns = imu.used_ns = int(stamps[-1, place])
             imu.last = imu.used = tuple(q[-1, place].tolist())
-            imu.heard_ns = int(arrived[-1])
-        self._now_ns = int(arrivals_ns[n * m - 1])
+            imu.heard_ns = int(clock_ns[place - m])
+        self._now_ns, self._arrived_ns = int(clock_ns[-1]), int(arrivals_ns[n * m - 1])
         self.newest_ns = self._closed_ns = int(stamps[-1, -1])
         along = [place for place, index in enumerate(order) if index < self.n_imu]
         orientations = np.zeros((n, self.n_imu, 4))
@@ -261,19 +272,12 @@ class SweepAssembler:
             return [], n * m
         return list(map(Sweep, stamps[:, -1].tolist(), orientations, measured, bases)), n * m
 
-    def close_overdue(self, arrival_ns: int) -> list[Sweep]:
-        """Sweeps that need not wait any longer by the clock; to be asked for regularly, as samples may stop coming."""
-        if self._now_ns is None or self.newest_ns is None:
-            return []
-        self._now_ns = max(self._now_ns, arrival_ns)
-        return self._close()
-
     def flush(self) -> list[Sweep]:
         """Close the sweeps that wait for missing IMUs: at the end of a recording."""
         sweeps: list[Sweep] = []
         while self._n_waiting:
             self._give_up(self._silent(whatever_the_clock=True))
-            sweeps += self._complete()
+            sweeps += self._complete(whatever_the_clock=True)
         return sweeps
 
     def _take(
@@ -303,9 +307,9 @@ class SweepAssembler:
             self._n_alive += 1
         if self._n_waiting < self._n_alive and len(imu.waiting) > WAITING_MAX:
             self._give_up(self._silent(whatever_the_clock=True))
-        return self._close()
+        return self._close(whatever_the_clock=len(imu.waiting) > WAITING_MAX)
 
-    def _close(self) -> list[Sweep]:
+    def _close(self, *, whatever_the_clock: bool) -> list[Sweep]:
         """The sweeps that are complete, or that are known to stay without an IMU."""
         sweeps: list[Sweep] = []
         assert self.newest_ns is not None
@@ -315,7 +319,9 @@ class SweepAssembler:
                     break
                 self._give_up(silent)
             if self._n_waiting == self._n_alive:
-                sweeps += self._complete()
+                sweeps += self._complete(whatever_the_clock=whatever_the_clock)
+                if self._n_waiting == self._n_alive:
+                    break
         return sweeps
 
     def _silent(self, *, whatever_the_clock: bool = False) -> list[ImuQueue]:
@@ -327,7 +333,10 @@ class SweepAssembler:
         ]
         if whatever_the_clock or self._now_ns is None:
             return missing
-        long_ago = self._now_ns - self.arrivals.patience_ns
+        patience_ns = self.arrivals.patience_ns
+        if 2 * len(missing) > self._n_alive:
+            patience_ns = max(patience_ns, _MOST_PATIENCE_NS)
+        long_ago = self._now_ns - patience_ns
         waited = self._since_ns < long_ago
         return [
             imu
@@ -367,8 +376,8 @@ class SweepAssembler:
         for sample in samples:
             self.dropped[step_in_words(sample.stamp_ns, self.newest_ns)] += 1
 
-    def _complete(self) -> list[Sweep]:
-        """Sweeps, as long as every living IMU has a sample that waits."""
+    def _complete(self, *, whatever_the_clock: bool) -> list[Sweep]:
+        """Sweeps, as long as every living IMU has a sample that waits, and it is known what the next one is."""
         sweeps: list[Sweep] = []
         while self._n_waiting and self._n_waiting == self._n_alive:
             members = [
@@ -379,15 +388,26 @@ class SweepAssembler:
                 self._let_go([index for _, index in there])
                 self.dropped['before there were samples of all'] += len(there)
                 continue
+            most = 2 * len(there) >= len(members)
+            if len(there) < len(members) and not (
+                most and (on := went_on(there, self._imus, self._timeout_ns))
+            ):
+                if most and on is None and not whatever_the_clock and self._may_go_on(there):
+                    break
+                # No IMU was silent while most others measured: the link was cut in the middle of a sweep.
+                self._let_go([index for _, index in there])
+                self.dropped[NOT_WHOLE] += len(there)
+                continue
             members = catch_up(there, self._imus)
             left_out = left_over(members, self._imus)
-            if left_out and all(
+            most = 2 * len(left_out) >= len(members)
+            if most and all(
                 comes_back(m, members, self._imus, self._timeout_ns) for m in members if m not in left_out
             ):
                 members = left_out
             elif left_out:
                 self._let_go([index for _, index in left_out])
-                self.dropped['of a sweep that was not whole'] += len(left_out)
+                self.dropped[NOT_WHOLE] += len(left_out)
                 continue
             if self._has_base and self._on_base(members) is None:
                 self.dropped[NO_BASE] += len(members)
@@ -398,6 +418,13 @@ class SweepAssembler:
             self._closed_ns = max(members)[0]
             self._let_go([index for _, index in members])
         return sweeps
+
+    def _may_go_on(self, members: list[Member]) -> bool:
+        """Whether any of these was heard of late, or may be on its way."""
+        if self._now_ns is None:
+            return False
+        long_ago = self._now_ns - self.arrivals.patience_ns
+        return any(self._imus[index].heard_ns >= long_ago for _, index in members)
 
     def _resuming(self, members: list[Member]) -> bool:
         """Whether no sweep came just before, and those who are not here yet will be soon."""

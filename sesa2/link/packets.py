@@ -5,6 +5,7 @@ known by its id (sensing/imu/addresses.py), and quaternions are x y z w.
 """
 
 from enum import IntEnum
+from functools import cache, lru_cache
 from struct import Struct
 from typing import Any, NamedTuple
 
@@ -24,7 +25,7 @@ _HEAD = Struct('<BBHIHB')  # type, version, seq, t_us, scan_us, mask
 _ENTRY = np.dtype([('health', 'u1'), ('calib', 'u1'), ('quaternion', '<i2', 4)])
 _RAW_ENTRY = np.dtype([('health', 'u1'), ('angular_velocity', '<i2', 3), ('acceleration', '<i2', 3)])
 _VECTOR = np.dtype(('<i2', 3))
-_XYZW, _WXYZ = [1, 2, 3, 0], [3, 0, 1, 2]
+_XYZW, _WXYZ = np.array([1, 2, 3, 0]), np.array([3, 0, 1, 2])
 _QUATERNION_LSB = 2.0**-14
 _ACCELERATION_LSB = 0.01
 _ANGULAR_VELOCITY_LSB = np.deg2rad(1 / 16)
@@ -42,6 +43,7 @@ class State(IntEnum):
     RUN = 3
 
 
+@cache
 def scores_of(register: int) -> Scores:
     """Calibration scores in a value of register 0x35."""
     return Scores(register >> 6, register >> 4 & 3, register >> 2 & 3, register & 3)
@@ -104,7 +106,7 @@ class Data(NamedTuple):
     @property
     def states(self) -> list[State]:
         """State of each IMU."""
-        return _states(self.health)
+        return list(_states(self.health))
 
     @property
     def errors(self) -> list[int]:
@@ -161,7 +163,7 @@ class RawData(NamedTuple):
     @property
     def states(self) -> list[State]:
         """State of each IMU."""
-        return _states(self.health)
+        return list(_states(self.health))
 
     @property
     def errors(self) -> list[int]:
@@ -213,7 +215,7 @@ def decode_stream(body: bytes, board: int = 0) -> Packet:
     if kind == _DATA:
         entries, health = _entries(body, _ENTRY, 'DATA', n)
         calib = body[_HEAD.size + 1 :: _ENTRY.itemsize]
-        return Data(sweep, entries['quaternion'][:, _XYZW] * _QUATERNION_LSB, health, calib)
+        return Data(sweep, entries['quaternion'].take(_XYZW, axis=1) * _QUATERNION_LSB, health, calib)
     if kind == _RAW:
         entries, health = _entries(body, _RAW_ENTRY, 'RAW', n)
         velocities = _si(entries['angular_velocity'], _ANGULAR_VELOCITY_LSB)
@@ -255,8 +257,10 @@ def encode_magnetometer(sweep: SweepHeader, fields: ArrayLike) -> bytes:
     return _HEAD.pack(_MAGNETOMETER, VERSION, *sweep[:4]) + _lsb(fields, _FIELD_LSB).tobytes()
 
 
-def _states(health: bytes) -> list[State]:
-    return [State(value & 0x0F) for value in health]
+@lru_cache
+def _states(health: bytes) -> tuple[State, ...]:
+    """Sweep for sweep they are mostly the same."""
+    return tuple(State(value & 0x0F) for value in health)
 
 
 def _errors(health: bytes) -> list[int]:
@@ -267,10 +271,12 @@ def _entries(body: bytes, entry: np.dtype, name: str, n: int) -> tuple[NDArray[A
     """Entries that begin with a byte of health, and these bytes."""
     _check_length(body, entry.itemsize * n, name, n)
     health = body[_HEAD.size :: entry.itemsize]
-    if any(value & 0x0F > State.RUN for value in health):
+    try:
+        _states(health)
+    except ValueError:
         raise PacketError(
             f'{name} packet with a state beyond {State.RUN:d} in health bytes {health.hex(" ")}'
-        )
+        ) from None
     return np.frombuffer(body, entry, n, _HEAD.size), health
 
 

@@ -368,7 +368,7 @@ class Session:
     def _waiting_jobs(self) -> list[tuple[Callable[[Board], Any], 'Future[Any]']]:
         jobs = []
         with suppress(Empty):
-            while True:
+            while not self._jobs.empty():
                 job, future = self._jobs.get_nowait()
                 if future.set_running_or_notify_cancel():
                     jobs.append((job, future))

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from sesa2.errors import Sesa2Error
+from sesa2.errors import Sesa2Error, shown
 from sesa2.shape.rotations import FloatArray
 
 # Metres in one, by the names that exports give it.
@@ -75,4 +75,4 @@ def metres_in(unit: str, where: str) -> float:
     try:
         return LENGTH_UNITS[unit.strip().strip('[]()').lower()]
     except KeyError:
-        raise MocapError(f'{where}: unit of length {unit!r}, expected m, mm, cm, in or ft') from None
+        raise MocapError(f'{where}: unit of length {shown(unit)}, expected m, mm, cm, in or ft') from None

@@ -8,6 +8,7 @@ from typing import Protocol
 
 import numpy as np
 
+from sesa2.errors import shown
 from sesa2.mocap import (
     c3d_file,
     euroc_csv,
@@ -67,5 +68,5 @@ def read_motion_capture(path: str | Path, rate: float | None = None) -> MotionCa
     kinds = ', '.join(reader.KIND for reader in READERS[:-1])
     first = file.head[0][:60]
     raise MocapError(
-        f'{file.name}: no bag, and no known export ({kinds}); it begins with {first!r}. {named_columns.EXPECTED}'
+        f'{file.name}: no bag, and no known export ({kinds}); it begins with {shown(first)}. {named_columns.EXPECTED}'
     )

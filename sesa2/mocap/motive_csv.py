@@ -7,6 +7,7 @@ Source: docs.optitrack.com, "Data Export: CSV".
 
 import numpy as np
 
+from sesa2.errors import shown
 from sesa2.mocap.body_names import about_namesakes, place_column
 from sesa2.mocap.capture import MocapError, MotionCapture, TrackedBody, metres_in
 from sesa2.mocap.export_file import ExportFile, delimiter_of
@@ -112,4 +113,4 @@ def _rate(text: str, where: str) -> float:
     try:
         return float(text.replace(',', '.'))
     except ValueError:
-        raise MocapError(f'{where}: {KIND} with frames at {text!r}, expected their rate in Hz') from None
+        raise MocapError(f'{where}: {KIND} with frames at {shown(text)}, expected their rate in Hz') from None

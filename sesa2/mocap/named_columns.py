@@ -16,6 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sesa2.errors import shown
 from sesa2.mocap.body_names import listed
 from sesa2.mocap.capture import LENGTH_UNITS, MocapError, MotionCapture, TrackedBody, metres_in
 from sesa2.mocap.export_file import ExportFile, delimiter_of
@@ -198,7 +199,7 @@ def _time_column(file: ExportFile, header: list[str], rate: float | None) -> tup
     if frames:
         raise MocapError(f'{file.name} counts frames and has no column time_s: give the rate of the frames')
     near = difflib.get_close_matches('time_s', header, n=1, cutoff=0.0)
-    raise MocapError(f'{file.name} has no column time_s; the nearest is {near[0]!r}. {EXPECTED}')
+    raise MocapError(f'{file.name} has no column time_s; the nearest is {shown(near[0])}. {EXPECTED}')
 
 
 def _bodies(file: ExportFile, header: list[str]) -> dict[str, dict[str, int]]:

@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sesa2.errors import shown
 from sesa2.mocap.capture import MocapError
 from sesa2.shape.rotations import FloatArray
 
@@ -294,5 +295,5 @@ def _number(text: str, what: str) -> float:
     except ValueError:
         value = math.nan if text.lower() in _NOT_SEEN else math.inf
     if math.isinf(value):
-        raise MocapError(f'{what} is {text!r}, expected a number')
+        raise MocapError(f'{what} is {shown(text)}, expected a number')
     return value

@@ -7,6 +7,7 @@ Source: OpenSim documentation, "Marker (.trc) Files".
 
 import numpy as np
 
+from sesa2.errors import shown
 from sesa2.mocap.body_names import about_namesakes, told_apart
 from sesa2.mocap.capture import MocapError, MotionCapture, TrackedBody, metres_in
 from sesa2.mocap.export_file import ExportFile
@@ -62,5 +63,5 @@ def _rate(text: str, where: str) -> float:
     except ValueError:
         rate = 0.0
     if not rate > 0.0:
-        raise MocapError(f'{where}: {KIND} without times, and with a DataRate of {text!r}, expected Hz')
+        raise MocapError(f'{where}: {KIND} without times, and with a DataRate of {shown(text)}, expected Hz')
     return rate

@@ -9,6 +9,7 @@ import re
 
 import numpy as np
 
+from sesa2.errors import shown
 from sesa2.mocap.body_names import about_namesakes, place_column
 from sesa2.mocap.capture import LENGTH_UNITS, MocapError, MotionCapture, TrackedBody
 from sesa2.mocap.export_file import ExportFile, delimiter_of
@@ -73,7 +74,7 @@ def _section(file: ExportFile, begin: int, end: int, notes: list[str]) -> dict[s
     except ValueError:
         rate = 0.0
     if not rate > 0.0:
-        raise MocapError(f'{file.name}, line {first_line + 1}: {rate_text!r}, expected the rate in Hz')
+        raise MocapError(f'{file.name}, line {first_line + 1}: {shown(rate_text)}, expected the rate in Hz')
     names, axes, units = (part.cells(line, delimiter) for line in (2, 3, 4))
     names += [''] * (len(axes) - len(names))
     units += [''] * (len(axes) - len(units))

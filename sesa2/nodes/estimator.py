@@ -32,9 +32,10 @@ from sesa2.messages.robot import describe_robot
 from sesa2.messages.topic_names import CONFIGURATION, imu_fields, imu_name, imu_topics, of_model
 from sesa2.ros.confined_node import ConfinedNode
 from sesa2.ros.diagnostics import ERROR, OK, WARN, Diagnostics, Part
+from sesa2.ros.hand_over import HandOver
 from sesa2.ros.length_listening import LengthListening
 from sesa2.ros.parameters import declare_configuration, origin_of
-from sesa2.ros.qos import ANY_STREAM, LATCHED, STREAM, telling_why_unheard
+from sesa2.ros.qos import ANY_BURSTS, BURSTS, LATCHED, STREAM, telling_why_unheard
 from sesa2.ros.spinning import run_alone
 from sesa2.ros.unheard_imus import PATIENCE_S, why_unheard
 from sesa2.sensing.lengths import NO_LENGTHS, outside_in_words
@@ -43,12 +44,13 @@ from sesa2.time import NS
 
 # What of the past `~/align` looks at: the arm was straight for so long.
 _POSE_NS = 3 * NS
-# How often the clock is looked at for sweeps that need not wait any longer.
-_LOOK_EVERY_NS = NS // 20
 _EVERY_TENTH = 10  # of the sweeps tells as well how the arm stands
 
 # Stamps that go on by so many times more or less than time does are in another unit, if there are enough of them.
 _FACTOR, _ENOUGH = 20.0, 20
+
+# How often the clock is looked at for sweeps that need not wait for lengths any longer.
+_LOOK_EVERY_NS = NS // 20
 
 # What an alignment changes.
 _ALIGNED = ('imus.mount_orientations', 'imus.headings')
@@ -68,6 +70,11 @@ _CLASSES = {
 class EstimatorNode(ConfinedNode):
     """Publishes one result per sweep and model, stamped with the measurement's time.
 
+    Parameters
+    ----------
+    hand_over
+        what the IMUs' messages come by; None: from their topics.
+
     Attributes
     ----------
     intake
@@ -84,7 +91,7 @@ class EstimatorNode(ConfinedNode):
         number of those without a stamp.
     """
 
-    def __init__(self, **options: Any):
+    def __init__(self, hand_over: HandOver | None = None, **options: Any):
         super().__init__('estimator', automatically_declare_parameters_from_overrides=True, **options)
         self.configuration = declare_configuration(self, changing=_ALIGNED)
         self._origin = origin_of(self)
@@ -116,25 +123,25 @@ class EstimatorNode(ConfinedNode):
         self._ids = imus.all_ids
         self._imu_topics = imu_topics(self.configuration)
         # Our own bridge and player are reliable; with other people's drivers anything that can be heard will do.
-        qos = ANY_STREAM if self.configuration.run.source == 'external' else STREAM
-        self._subscriptions_of_imus = [
-            self.create_subscription(
-                Imu,
-                self._imu_topics[i],
-                self._take(index),
-                qos,
-                event_callbacks=telling_why_unheard(self, self._imu_topics[i]),
-                raw=True,
-            )
+        qos = ANY_BURSTS if self.configuration.run.source == 'external' else BURSTS
+        self._hand_over = hand_over
+        taken: list[tuple[type, str, Callable[[bytes], None]]] = [
+            (Imu, self._imu_topics[i], self._take(index))
             for index, i in enumerate(self._ids)
             if i in imus.used_ids
         ]
         if self.intake.wants_fields:
-            self._subscriptions_of_imus += [
-                self.create_subscription(MagneticField, topic, partial(self._take_field, i), qos, raw=True)
+            taken += [
+                (MagneticField, topic, partial(self._take_field, i))
                 for i, topic in imu_fields(self.configuration).items()
                 if i in imus.used_ids
             ]
+        for kind, topic, callback in taken:
+            if hand_over:
+                hand_over.listen(self, topic, callback)
+            else:
+                events = telling_why_unheard(self, topic) if kind is Imu else None
+                self.create_subscription(kind, topic, callback, qos, event_callbacks=events, raw=True)
         self._newest_ns: dict[int, int] = {}  # stamp of each IMU, and as it was at the last report
         self._reported_ns: dict[int, int] = {}
         self._lengths = (
@@ -163,6 +170,8 @@ class EstimatorNode(ConfinedNode):
         self._last_report = (time.monotonic(), Counter[int](), 0)
         self._listened_ns = 0
         self._looked_ns = time.monotonic_ns()
+        if self._lengths is not None:
+            self._watchdog = self.create_timer(_LOOK_EVERY_NS / NS, self._look_for_lengths)
         self._recent: deque[Sweep] = deque()
         self._align_services = [
             self.create_service(Trigger, '~/align', partial(self._align, headings=False)),
@@ -171,7 +180,6 @@ class EstimatorNode(ConfinedNode):
         self._save_service = self.create_service(Trigger, '~/save', self._save)
         self._aligning = False
         self.add_on_set_parameters_callback(self._refuse_from_outside)
-        self._watchdog = self.create_timer(_LOOK_EVERY_NS / NS, self._close_overdue)
         self._diagnostics = Diagnostics(self, 'arm', self._report)
         if self.configuration.run.source == 'external':  # ours say themselves what they miss
             self._first_look = self.create_timer(PATIENCE_S, self._tell_unheard)
@@ -182,7 +190,7 @@ class EstimatorNode(ConfinedNode):
 
         def take(data: bytes) -> None:
             self.received[imu] += 1
-            arrival_ns = self._listening_clock()
+            now_ns = time.monotonic_ns()
             try:
                 if by_arrival or not read_stamp(data):
                     data = with_stamp(data, self._time_of_arrival(imu, read_stamp(data)))
@@ -193,15 +201,15 @@ class EstimatorNode(ConfinedNode):
             if sample is None:
                 return
             self._newest_ns[imu] = sample[0]
-            if sweeps := add(index, *sample, arrival_ns):
-                self._put(sweeps, arrival_ns)
+            if sweeps := add(index, *sample, now_ns):
+                self._put(sweeps)
 
         return take
 
-    def _put(self, sweeps: list[Sweep], arrival_ns: int) -> None:
+    def _put(self, sweeps: list[Sweep]) -> None:
         """Publish sweeps, those of an arm whose lengths are measured once they have theirs."""
         if self._lengths is not None:
-            self._lengths.put(sweeps, arrival_ns)
+            self._lengths.put(sweeps, self._listening_clock())
             return
         for sweep in sweeps:
             self._publish(sweep)
@@ -241,10 +249,9 @@ class EstimatorNode(ConfinedNode):
         self._looked_ns = now_ns
         return self._listened_ns
 
-    def _close_overdue(self) -> None:
-        """When an IMU falls silent, and when all do, no sample comes at the right time to show it."""
-        now_ns = self._listening_clock()
-        self._put(self.assembler.close_overdue(now_ns), now_ns)
+    def _look_for_lengths(self) -> None:
+        """Sweeps whose lengths will not come any more need not wait, though no sample comes to show it."""
+        self._put([])
 
     def _publish(self, sweep: Sweep) -> None:
         if self._recent and sweep.stamp_ns <= self._recent[-1].stamp_ns:
@@ -257,9 +264,8 @@ class EstimatorNode(ConfinedNode):
         if not estimate.models:
             return
         for topic, publisher in self._topics:
-            if topic.name.endswith('/marker_array') and not publisher.get_subscription_count():
-                continue
-            publisher.publish(self._messages.make(topic, estimate)[0])
+            if publisher.get_subscription_count():
+                publisher.publish(self._messages.make(topic, estimate)[0])
         self.latest = estimate
         self.n_sweeps += 1
         for name, result in estimate.models.items():
@@ -436,6 +442,8 @@ class EstimatorNode(ConfinedNode):
             'unreadable': self._unreadable,
             **dropped,
         }
+        if self._hand_over and self._hand_over.lost:
+            counts['dropped: came faster than they could be taken'] = self._hand_over.lost
         if no_base:
             level, text = ERROR, f'no result: IMU {base_id} on the base is silent'
         elif sweeps:

@@ -31,7 +31,7 @@ from sesa2.messages.truth_messages import TRUTH_TYPES
 from sesa2.ros.confined_node import ConfinedNode
 from sesa2.ros.diagnostics import ERROR, OK, WARN, Diagnostics, Part
 from sesa2.ros.parameters import declare_configuration
-from sesa2.ros.qos import ANY_STREAM, EVERY_LATCHED, STREAM
+from sesa2.ros.qos import ANY_BURSTS, BURSTS, EVERY_LATCHED, STREAM
 from sesa2.ros.spinning import run_alone
 
 # Half a second is the most that a kill may cost, and a little.
@@ -76,7 +76,7 @@ class Recorder(ConfinedNode):
             bytes(serialize_message(String(data=files.dump(c)))),
         )
         self._bag.flush()
-        qos = ANY_STREAM if c.run.source == 'external' else STREAM
+        qos = ANY_BURSTS if c.run.source == 'external' else BURSTS
         for i, topic in imu_topics(c).items():
             if c.record.imu:
                 self._subscribe(Imu, 'sensor_msgs/msg/Imu', topic, qos)

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from builtin_interfaces.msg import Time
 from numpy.typing import NDArray
+from rclpy.publisher import Publisher
 from sensor_msgs.msg import Imu, MagneticField
 from sesa2_msgs.msg import ImuCalibration
 from std_srvs.srv import Trigger
@@ -27,6 +28,7 @@ from sesa2.messages.field_messages import FieldMessages
 from sesa2.messages.imu_messages import ImuMessages
 from sesa2.messages.topic_names import imu_calibration, imu_fields, imu_frame, imu_topics
 from sesa2.ros.confined_node import ConfinedNode
+from sesa2.ros.hand_over import HandOver
 from sesa2.ros.link_diagnostics import LinkDiagnostics
 from sesa2.ros.parameters import declare_configuration
 from sesa2.ros.qos import LATCHED, STREAM
@@ -45,13 +47,18 @@ class SerialBridge(ConfinedNode):
 
     Each board has a link with a thread of its own, from which its IMUs are also published.
 
+    Parameters
+    ----------
+    hand_over
+        what also takes what is measured to another node of this process.
+
     Attributes
     ----------
     links
         to each board, in the order of the ports.
     """
 
-    def __init__(self, **options: Any):
+    def __init__(self, hand_over: HandOver | None = None, **options: Any):
         super().__init__('serial_bridge', automatically_declare_parameters_from_overrides=True, **options)
         self.configuration = declare_configuration(self)
         c = self.configuration
@@ -66,6 +73,11 @@ class SerialBridge(ConfinedNode):
             i: self.create_publisher(MagneticField, imu_fields(c)[i], STREAM)
             for i in self._ids
             if magnetometer
+        }
+        self._hand_over = hand_over
+        self._full_names = {
+            publisher: publisher.topic_name
+            for publisher in (*self._data_publishers.values(), *self._field_publishers.values())
         }
         self._calibration_publishers = {
             i: self.create_publisher(ImuCalibration, imu_calibration(i), LATCHED) for i in self._ids
@@ -158,10 +170,12 @@ class SerialBridge(ConfinedNode):
 
     def on_magnetic_fields(self, fields: MagneticFields, stamps_ns: list[int]) -> None:
         """Publish the magnetic fields of a sweep of a board."""
+        said = []
         for i, stamp_ns, field in zip(fields.sweep.ids, stamps_ns, fields.fields, strict=True):
             if np.isfinite(field).all():
                 [message] = self._field_messages[i].make_fields(np.array([stamp_ns]), field[np.newaxis])
-                self._field_publishers[i].publish(message.tobytes())
+                said.append((self._field_publishers[i], message.tobytes()))
+        self._say(said)
 
     def on_offsets(self, imu_id: int, offsets: Offsets) -> None:
         """Publish what was read from a chip."""
@@ -180,23 +194,35 @@ class SerialBridge(ConfinedNode):
             log.error(event.message)
 
     def _publish(self, data: Data, stamps_ns: list[int], accelerations: NDArray[np.float64] | None) -> None:
-        rows = zip(data.sweep.ids, stamps_ns, data.orientations, data.states, strict=True)
+        said = []
+        rows = zip(data.sweep.ids, stamps_ns, data.orientations.tolist(), data.states, strict=True)
         for k, (i, stamp_ns, orientation, state) in enumerate(rows):
-            if state is not State.RUN or not orientation.any():
+            if state is not State.RUN or not any(orientation):
                 continue  # all zero is no rotation: the chip has not measured
             acceleration = None if accelerations is None else accelerations[k]
             if acceleration is not None and not np.isfinite(acceleration).all():
                 acceleration = None
-            self._data_publishers[i].publish(self._imu_messages[i].make(stamp_ns, orientation, acceleration))
+            message = self._imu_messages[i].make(stamp_ns, orientation, acceleration)
+            said.append((self._data_publishers[i], message))
+        self._say(said)
 
     def _publish_raw(self, data: RawData, stamps_ns: list[int]) -> None:
+        said = []
         rows = zip(data.sweep.ids, stamps_ns, data.angular_velocities, data.accelerations, strict=True)
         for i, stamp_ns, velocity, acceleration in rows:
             if np.isfinite(velocity).all() and np.isfinite(acceleration).all():
                 [message] = self._imu_messages[i].make_raw(
                     np.array([stamp_ns]), velocity[np.newaxis], acceleration[np.newaxis]
                 )
-                self._data_publishers[i].publish(message.tobytes())
+                said.append((self._data_publishers[i], message.tobytes()))
+        self._say(said)
+
+    def _say(self, messages: list[tuple[Publisher, bytes]]) -> None:
+        """Publish what a sweep has measured; who waits for it in this process gets it at once."""
+        if self._hand_over:
+            self._hand_over.send([(self._full_names[publisher], data) for publisher, data in messages])
+        for publisher, data in messages:
+            publisher.publish(data)
 
     def _take_scores(self, imu: int, scores: Scores) -> None:
         self._scores[imu] = scores

@@ -15,7 +15,7 @@ from sesa2.messages.length_words import about_clocks, about_lengths
 from sesa2.messages.topic_names import BACKBONE_LENGTHS
 from sesa2.ros.confined_node import ConfinedNode
 from sesa2.ros.diagnostics import ERROR, OK, WARN, Part
-from sesa2.ros.qos import ANY_STREAM, STREAM, telling_why_unheard
+from sesa2.ros.qos import ANY_BURSTS, BURSTS, telling_why_unheard
 from sesa2.time import NS
 
 _NO_STAMP = 'have no stamp (0); the time of their arrival stands in'
@@ -66,7 +66,7 @@ class LengthListening:
         self._without_before = Counter[int]()
         self._counted_before: list[str] = []
         self._reported = time.monotonic()
-        qos = ANY_STREAM if configuration.run.source == 'external' else STREAM
+        qos = ANY_BURSTS if configuration.run.source == 'external' else BURSTS
         self._subscription = node.create_subscription(
             JointState,
             BACKBONE_LENGTHS,

@@ -11,8 +11,10 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy, qos_policy_name_from_kind
 
 STREAM = QoSProfile(depth=100, reliability=ReliabilityPolicy.RELIABLE)
-# A subscriber that also hears the best-effort publishers of other people's drivers.
-ANY_STREAM = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
+# A subscriber of what a link may bring all at once, after a cut: as much as publishers keep, and what is measured then.
+BURSTS = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
+# One that also hears the best-effort publishers of other people's drivers.
+ANY_BURSTS = QoSProfile(depth=1000, reliability=ReliabilityPolicy.BEST_EFFORT)
 LATCHED = QoSProfile(
     depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
 )

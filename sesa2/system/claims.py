@@ -16,6 +16,7 @@ from sesa2.errors import Sesa2Error
 from sesa2.messages.results import TYPES
 from sesa2.messages.topic_names import BACKBONE_LENGTHS, CLOCK, imu_topics, of_model
 from sesa2.messages.truth_messages import TRUTH_TYPES
+from sesa2.system.machine_locks import MachineLocks
 
 # Others on this machine are known by then, as a rule; who is not is found while running.
 _DISCOVERY_S = 0.5
@@ -68,13 +69,14 @@ class Claims:
         self._me = _Run(time.time_ns(), _machine(), os.getpid())
         self._sign = f'_run/began_{self._me.began_ns}_on_{self._me.machine}_as_{self._me.process}'
         self._standing = [_PAGE] if with_page else []
+        self._locks = MachineLocks()
         for name in (self._sign, *self._standing):
             self._node.create_publisher(Empty, name, 1)
         self._known_at = time.monotonic() + _DISCOVERY_S
         self._look_at = 0.0
 
     def check(self, configuration: Configuration) -> None:
-        """Look whether anybody publishes already what this configuration would.
+        """Look whether anybody publishes already what this configuration would; keep others here from doing so.
 
         Raises
         ------
@@ -82,6 +84,11 @@ class Claims:
             somebody does; the message names the topic and the node.
         """
         names = claimed_topics(configuration)
+        # The graph takes some seconds at times; on one machine none of a second run's samples may get in meanwhile.
+        taken = self._locks.hold(map(self._node.resolve_topic_name, (*self._standing, *names)))
+        if taken:
+            who = 'another `sesa2 run` on this machine'
+            raise self._rival(names, older=False) or ClaimError(_sentence(taken, who, taken == CLOCK))
         while not (rival := self._rival(names, older=False)) and time.monotonic() < self._known_at:
             time.sleep(0.02)
         if rival:
@@ -108,7 +115,12 @@ class Claims:
 
     def close(self) -> None:
         """End the node."""
+        self.release()
         self._node.destroy_node()
+
+    def release(self) -> None:
+        """Let others on this machine have the topics, since nothing runs any more."""
+        self._locks.release()
 
     def _rival(self, names: Sequence[str], older: bool) -> ClaimError | None:
         """Somebody else who publishes one of these; of other runs only those that began earlier, if asked so."""
@@ -128,7 +140,7 @@ class Claims:
                 run = runs.get(participant)
                 if participant in me or (run and (run.killed or (older and run > self._me))):
                     continue
-                return ClaimError(_sentence(topic, info, run is not None, name.startswith('/')))
+                return ClaimError(_sentence(topic, _who(info, run is not None), name.startswith('/')))
         return None
 
     def _participants(self, topic: str) -> set[bytes]:
@@ -161,10 +173,13 @@ def _machine() -> str:
     return f'{kernel}{Path("/proc/self/ns/pid").stat().st_ino:x}'
 
 
-def _sentence(topic: str, info: TopicEndpointInfo, is_run: bool, everywhere: bool) -> str:
+def _who(info: TopicEndpointInfo, is_run: bool) -> str:
     node = f'the node {info.node_namespace.rstrip("/")}/{info.node_name}'
     who = 'a node' if info.node_name == _NO_NAME else node
-    whose = 'another `sesa2 run`' if is_run else 'another program'
+    return f'{who} of {"another `sesa2 run`" if is_run else "another program"}'
+
+
+def _sentence(topic: str, who: str, everywhere: bool) -> str:
     remedy = 'ROS_DOMAIN_ID' if everywhere else '--namespace or ROS_DOMAIN_ID'
     doing = 'is steered from a page here' if topic.endswith(_PAGE) else f'publishes {topic} already'
-    return f'{who} of {whose} {doing}: end it, or keep the two apart by {remedy}'
+    return f'{who} {doing}: end it, or keep the two apart by {remedy}'

@@ -22,6 +22,7 @@ from sesa2.nodes.recorder import Recorder
 from sesa2.nodes.serial_bridge import SerialBridge
 from sesa2.nodes.tip_controller import TipControllerNode
 from sesa2.ros.confined_node import ConfinedNode
+from sesa2.ros.hand_over import HandOver
 from sesa2.ros.parameters import ORIGIN, overrides
 from sesa2.ros.spinning import Spinner
 from sesa2.system.claims import Claims
@@ -140,9 +141,14 @@ class System:
                 boards = self._simulate(configuration)
                 serial = configuration.serial.on([board.path for board in boards])
                 served = replace(configuration, serial=serial)
+            hand_over = HandOver() if configuration.run.source in ('sim', 'serial') else None
             for make in _wanted(configuration):
-                # The ports of virtual boards are of no use to anybody else, nor in a file that is saved.
-                own = {'parameter_overrides': overrides(served)} if make is SerialBridge else {}
+                own: dict[str, Any] = {}
+                if make in (EstimatorNode, SerialBridge):
+                    own['hand_over'] = hand_over
+                if make is SerialBridge:
+                    # The ports of virtual boards are of no use to anybody else, nor in a file that is saved.
+                    own['parameter_overrides'] = overrides(served)
                 self._keep(make(**{**self._options, **own}))
         except Sesa2Error:
             self.stop()
@@ -181,6 +187,7 @@ class System:
             self._end(self.nodes.pop())
         while self.boards:
             self.boards.pop().close()
+        self._claims.release()
 
     def end(self) -> None:
         """End all nodes for good."""

@@ -202,19 +202,9 @@ def test_no_shape_without_an_orientation_of_the_base():
     assert a.dropped['of a sweep without the orientation of the base'] > 0
 
 
-def live(assembler, arrivals, *, until=None):
-    """What a node gives that is told (arrival, IMU, stamp), and looks at the clock every 50 ms in between."""
-    out, looked = [], None
-    for now, i, stamp in arrivals:
-        looked = now if looked is None else looked
-        while looked + 50 * MS < now:
-            looked += 50 * MS
-            out += assembler.close_overdue(looked)
-        out += assembler.add(i, stamp, *ONE, now)
-    while until is not None and looked < until:
-        looked += 50 * MS
-        out += assembler.close_overdue(looked)
-    return out
+def live(assembler, arrivals):
+    """What a node gives that is told (arrival, IMU, stamp)."""
+    return [sweep for now, i, stamp in arrivals for sweep in assembler.add(i, stamp, *ONE, now)]
 
 
 def stamps_of(sweeps):
@@ -282,12 +272,76 @@ def test_on_a_link_that_has_long_been_well_the_pause_is_short():
     assert len(given) == 3000
 
 
-def test_all_that_fall_silent_but_one_are_given_up_by_the_clock_without_a_further_sample():
-    a = SweepAssembler([True] * 2)
+@pytest.mark.parametrize('stall', [700, 2000, 5000])
+@pytest.mark.parametrize('kept', [100, 1000])
+@pytest.mark.parametrize('within', [0, 3, 7])
+def test_a_stall_of_a_link_that_has_long_been_well_makes_nobody_silent(stall, kept, within):
+    """It begins in the middle of a sweep; then the topics come back one by one, with as much as was kept of each."""
+    samples = list(board(3200, 8))
+    begin = samples[2500 * 8 + within][1]
+    end, arrivals = begin + stall * MS, []
+    for i, t in samples:
+        back = end + 20 * MS * ((i - within) % 8)
+        if begin <= t < end - kept * 10 * MS:
+            continue
+        arrivals.append((max(t, back) if begin <= t else t, i, t))
+    a = SweepAssembler([True] * 8)
+    sweeps = live(a, sorted(arrivals))
+    assert all(s.measured.all() for s in sweeps)
+    # What was kept makes whole sweeps, but for those at either end of a gap.
+    there = [{t // (10 * MS) for _, k, t in arrivals if k == i} for i in range(8)]
+    assert len(set.intersection(*there)) - 2 <= len(sweeps) <= len(set.intersection(*there))
+    assert (np.diff(stamps_of(sweeps)) > 0).all()
+    assert not a.dropped['later than its sweep could wait']
+
+
+def test_while_nobody_is_heard_an_imu_that_is_late_already_is_not_taken_for_dead():
+    samples = list(board(3500, 4))
+    begin = samples[0][1] + 30_000 * MS
+    # IMU 2 misses 200 ms; then for 3 s nothing comes of any, and all resume.
+    arrivals = [
+        (t if t < begin + 200 * MS else max(t, begin + 3200 * MS + i), i, t)
+        for i, t in samples
+        if not (i == 2 and begin <= t < begin + 200 * MS)
+    ]
+    a = SweepAssembler([True] * 4)
+    sweeps = live(a, sorted(arrivals))
+    assert stamps_of(sweeps) == ends(samples)
+    assert sum(not s.measured.all() for s in sweeps) == 20
+
+
+@pytest.mark.parametrize(('n_silent', 'pause'), [(1, 300), (4, 300), (5, 1000), (7, 1000)])
+def test_when_most_fall_silent_the_rest_waits_longer(n_silent, pause):
+    samples = list(board(3000, 8))
+    dead = samples[0][1] + 25_000 * MS
+    a, last, longest = SweepAssembler([True] * 8), None, 0
+    for i, t in samples:
+        if not (i < n_silent and t >= dead) and a.add(i, t, *ONE, t):
+            longest, last = max(longest, t - (last or t)), t
+    assert pause * MS < longest < (pause + 25) * MS
+    assert a.alive == [i >= n_silent for i in range(8)]
+
+
+@pytest.mark.parametrize(('n_silent', 'n_partial'), [(1, 30), (4, 30), (5, 0), (7, 0)])
+def test_of_a_silence_of_most_that_was_short_nothing_is_made(n_silent, n_partial):
+    samples = list(board(3000, 8))
+    start = samples[0][1] + 25_000 * MS
+    there = [(t, i, t) for i, t in samples if not (i < n_silent and start <= t + 2 * MS < start + 300 * MS)]
+    a = SweepAssembler([True] * 8, patience=5.0)
+    sweeps = live(a, there)
+    assert sum(not s.measured.all() for s in sweeps) == n_partial
+    assert len(sweeps) == 2970 + n_partial
+    assert sum(a.dropped.values()) == (0 if n_partial else 30 * (8 - n_silent))
+
+
+@pytest.mark.parametrize('patience', [None, 5.0])
+def test_nothing_is_made_of_one_imu_while_nobody_is_heard(patience):
+    a = SweepAssembler([True] * 2, patience=patience)
     burst = [(10**9 + k, 0, k * 10 * MS + 10**12) for k in range(50)]
     assert live(a, burst) == []
-    sweeps = live(a, [], until=None) + [s for k in range(40) for s in a.close_overdue(10**9 + 50 * MS * k)]
-    assert stamps_of(sweeps) == [t for _, _, t in burst]
+    assert live(a, [(3600 * 10**9, 0, 10**12 + 500 * MS)]) == []
+    later = [(3600 * 10**9 + k * 10 * MS, 0, 10**12 + (500 + k * 10) * MS) for k in range(1, 600)]
+    assert len(live(a, later)) == 650
 
 
 def test_a_silence_shorter_than_the_patience_costs_no_sweep_either():

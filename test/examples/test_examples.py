@@ -14,7 +14,7 @@ from processes import REPOSITORY, Program, command
 from sensor_msgs.msg import JointState
 
 import sesa2
-from sesa2.ros.qos import ANY_STREAM, STREAM
+from sesa2.ros.qos import ANY_BURSTS, STREAM
 from sesa2.shape.model import MODELS
 
 EXAMPLES = REPOSITORY / 'examples'
@@ -69,7 +69,7 @@ def test_counts_of_encoders_become_lengths(graph, tmp_path):
         with Program(
             [EXAMPLES / 'length_driver.py', '--port', os.ttyname(port), 'b1', 'b2', 'b3'], tmp_path
         ) as driver:
-            heard = graph.listen(JointState, 'backbone_lengths', ANY_STREAM)
+            heard = graph.listen(JointState, 'backbone_lengths', ANY_BURSTS)
 
             def say(line):
                 before = len(heard)
@@ -108,7 +108,7 @@ def test_counts_of_encoders_become_lengths(graph, tmp_path):
 
 def test_lengths_of_motors_that_nobody_has_are_heard_too(graph, tmp_path):
     with Program([EXAMPLES / 'length_driver.py', 'b1', 'b2', 'b3'], tmp_path) as driver:
-        heard = graph.listen(JointState, 'backbone_lengths', ANY_STREAM)
+        heard = graph.listen(JointState, 'backbone_lengths', ANY_BURSTS)
         graph.until(lambda: len(heard) > 50, 'fifty lengths')
         driver.signal(signal.SIGINT)
         assert driver.ended() == 0

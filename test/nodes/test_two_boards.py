@@ -276,4 +276,6 @@ def test_an_older_firmware_on_one_board_is_a_warning_about_that_board(graph, bri
         assert level == WARN
         assert 'make -C firmware upload' in text
         assert values['firmware'] == '0.9'
-        graph.until(lambda: diagnosis.latest('serial_bridge: link 0')[0] == OK, 'the other is well')
+        graph.until(
+            lambda: (d := diagnosis.latest('serial_bridge: link 0')) and d[0] == OK, 'the other is well'
+        )

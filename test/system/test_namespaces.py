@@ -26,6 +26,15 @@ claims.Claims.check = lambda self, configuration: None
 from sesa2.cli import main
 sys.exit(main(sys.argv[1:]))
 """
+# As long as the graph has not made the two known to each other, which takes some seconds at times.
+UNKNOWN = """
+import sys
+import sesa2.system.claims as claims
+claims._DISCOVERY_S = 0.0
+claims.Claims._rival = lambda *_, **__: None
+from sesa2.cli import main
+sys.exit(main(sys.argv[1:]))
+"""
 
 
 def end(program):
@@ -85,7 +94,7 @@ def test_a_second_run_of_the_same_topics_ends_and_the_first_goes_on(tmp_path):
         running(first)
         with command(tmp_path, *RUN) as second:
             assert failed_clearly(
-                second, ' of another `sesa2 run` publishes /', '--namespace', 'ROS_DOMAIN_ID'
+                second, 'another `sesa2 run` ', ' publishes /', '--namespace', 'ROS_DOMAIN_ID'
             )
         told = first.output.count('pcc tip')
         first.until(lambda: first.output.count('pcc tip') > told + 2, 'that it goes on')
@@ -100,6 +109,21 @@ def test_late_discovery_ends_the_younger(tmp_path):
         told = first.output.count('pcc tip')
         first.until(lambda: first.output.count('pcc tip') > told + 2, 'that it goes on')
         end(first)
+
+
+def test_on_one_machine_a_second_run_is_refused_before_the_graph_knows_of_it(tmp_path):
+    with Program(['-c', UNKNOWN, *RUN], tmp_path) as first:
+        running(first)
+        with Program(['-c', UNKNOWN, *RUN], tmp_path) as second:
+            assert failed_clearly(second, 'another `sesa2 run` on this machine publishes /', '--namespace')
+            assert 'pcc tip' not in second.output
+        with Program(['-c', UNKNOWN, *RUN, '--namespace', 'left'], tmp_path) as beside:
+            running(beside)
+            end(beside)
+        first.signal(signal.SIGKILL)
+        assert first.ended() == -signal.SIGKILL
+    with Program(['-c', UNKNOWN, *RUN, '--duration', '3'], tmp_path) as third:
+        assert third.ended() == 0, third.errors
 
 
 def test_of_two_that_start_at_once_one_is_left(tmp_path):
