@@ -22,7 +22,7 @@ from sesa2.messages.topic_names import BACKBONE_LENGTHS, COMMAND, TARGET, imu_to
 from sesa2.ros.confined_node import ConfinedNode
 from sesa2.ros.diagnostics import ERROR, OK, WARN, Diagnostics, Part
 from sesa2.ros.parameters import declare_configuration
-from sesa2.ros.qos import ANY_STREAM, STREAM
+from sesa2.ros.qos import ANY_BURSTS, STREAM
 from sesa2.ros.spinning import run_alone
 from sesa2.shape.rotations import FloatArray
 from sesa2.time import NS
@@ -73,13 +73,13 @@ class TipControllerNode(ConfinedNode):
         model = c.controller.model
         self._subscriptions_kept = [
             self.create_subscription(PointStamped, TARGET, self._take_target, STREAM),
-            self.create_subscription(PoseStamped, of_model(model, 'tip'), self._take_tip, ANY_STREAM),
+            self.create_subscription(PoseStamped, of_model(model, 'tip'), self._take_tip, ANY_BURSTS),
             self.create_subscription(
-                JointState, of_model(model, 'coordinates'), self._take_coordinates, ANY_STREAM
+                JointState, of_model(model, 'coordinates'), self._take_coordinates, ANY_BURSTS
             ),
-            self.create_subscription(JointState, BACKBONE_LENGTHS, self._take_lengths, ANY_STREAM, raw=True),
+            self.create_subscription(JointState, BACKBONE_LENGTHS, self._take_lengths, ANY_BURSTS, raw=True),
             *(
-                self.create_subscription(Imu, topic, partial(self._take_imu, imu), ANY_STREAM, raw=True)
+                self.create_subscription(Imu, topic, partial(self._take_imu, imu), ANY_BURSTS, raw=True)
                 for imu, topic in imu_topics(c).items()
             ),
         ]
