@@ -46,6 +46,7 @@ def calibrate_magnets(
     base: ArrayLike = IDENTITY,
     before: BuildErrors = USUAL_BUILD,
     coordinate_errors: ArrayLike = 0.0,
+    reading_errors: ArrayLike | None = None,
 ) -> MagnetCalibration:
     """Fit strengths and shifts of magnets, positions, tilts, gains and offsets of sensors, and the earth's field.
 
@@ -65,7 +66,9 @@ def calibrate_magnets(
     before
         how well the build is known.
     coordinate_errors
-        standard deviations of the coordinates, one for all or (n_coordinates,).
+        standard deviations of the coordinates, one for all, (n_coordinates,) or (n, 1, n_coordinates).
+    reading_errors : (n, n_readings)
+        standard deviations of the readings, T; None: the noise of one.
 
     Raises
     ------
@@ -86,7 +89,8 @@ def calibrate_magnets(
     theta = np.zeros(len(bench.names))
     # Reading errors: the noise, and what shapes that are not known exactly make of it.
     by_shape = predictor.predict(coordinates, base).jacobian * np.asarray(coordinate_errors, dtype=float)
-    weight = there / np.sqrt(predictor.noise**2 + np.sum(by_shape**2, axis=-1))
+    expected = predictor.noise if reading_errors is None else np.where(there, reading_errors, predictor.noise)
+    weight = there / np.sqrt(expected**2 + np.sum(by_shape**2, axis=-1))
     target = np.where(there, readings, 0.0)
     prior = 1.0 / bench.deviations**2
     for _ in range(_MOST_ITERATIONS):
