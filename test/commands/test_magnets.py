@@ -349,3 +349,19 @@ def test_those_that_are_masked_stay_as_they_were(tmp_path):
     assert [after.radii[i] for i in (1, 4, 8)] == [0.013] * 3
     assert after.gains[0] != 1.0
     assert after.masked == (2, 5, 9)
+
+
+def test_on_a_base_that_lies_the_earth_is_in_the_world(tmp_path):
+    lying = from_rotation_vector(np.array([0.4, 1.2, 0.1]))
+    c, rng = files.load_configuration('magnetic_1'), np.random.default_rng(4)
+    c = replace(c, arm=replace(c.arm, base_orientation=tuple(lying.tolist())))
+    config = tmp_path / 'lying.yaml'
+    config.write_text(files.dump(c))
+    described = predictor_of(config)
+    real = MagneticReadings(described.limits, described.magnets, described.magnetometers, EARTH)
+    poses, shapes, times = poses_of(tmp_path, config, 20, 1)
+    u = real.predict(shapes, lying).readings + NOISE * rng.normal(size=(len(shapes), 3))
+    source, out = write_csv(tmp_path / 'log.csv', times, u, [1, 2, 3]), tmp_path / 'out.yaml'
+    arguments = ['magnets', str(source), '--config', str(config), '--out', str(out), '--poses', str(poses)]
+    assert main([*arguments, '--bend-error', '0', '--length-error', '0']) == 0
+    np.testing.assert_allclose(predictor_of(out).earth_field, EARTH, atol=6e-6)

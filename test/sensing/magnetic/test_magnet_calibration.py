@@ -139,3 +139,12 @@ def test_a_sensor_that_is_moved_is_not_turned():
     np.testing.assert_allclose(of_the_earth(moved), of_the_earth(arm.predictor), rtol=0.0, atol=1e-15)
     steps = moved.distances(rest) - arm.predictor.distances(rest)
     assert (np.abs(steps) > 1e-3).any()
+
+
+@pytest.mark.parametrize('axes', ['z', 'xyz'])
+def test_a_build_reads_as_magpylib_says(axes):
+    arm, rng = PaperArm(2, axes=axes), np.random.default_rng(4)
+    build = BuildParameters(arm.predictor, BuildErrors())
+    real = build.changed(3.0 * build.deviations * rng.normal(size=len(build.names)))
+    q = arm.limits.draw(20, rng)
+    np.testing.assert_allclose(real.predict(q).readings, arm.simulate_build(real, q), atol=1e-10)
