@@ -1,4 +1,4 @@
-# make demo: set up and run the main job, on this machine alone · make test · make lint · make firmware-test · make bench · make accuracy · make venv: the set-up alone
+# make demo: set up and run the main job, on this machine alone · make test · make lint · make firmware-test · make bench · make accuracy · make magnetic · make venv: the set-up alone
 .DEFAULT_GOAL := help
 SHELL := /bin/bash
 VENV := .venv
@@ -8,7 +8,7 @@ PYTHON ?= $(shell for p in python3.12 python3.11 python3.13 python3.10 python3; 
 	$$p -c 'import sys; sys.exit(not (3, 10) <= sys.version_info[:2] <= (3, 13))' 2>/dev/null && echo $$p && break; done)
 EXTRAS := ros,viewer,report,sim,mocap,raw,test,lint
 
-.PHONY: help venv demo test lint firmware-test bench accuracy clean
+.PHONY: help venv demo test lint firmware-test bench accuracy magnetic clean
 help:
 	@sed -n 1p Makefile | cut -c3-
 
@@ -47,6 +47,10 @@ bench: venv
 # Errors on the recordings, written into README.md.
 accuracy: venv
 	@$(BIN)/python bench/accuracy.py
+
+# The paper's tables of shape from magnets, theirs beside ours, written into docs/magnetic.md.
+magnetic: venv
+	@OPENBLAS_NUM_THREADS=1 $(BIN)/python bench/magnetic_paper.py
 
 clean:
 	rm -rf $(VENV) build install log

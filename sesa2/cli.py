@@ -62,7 +62,20 @@ def _what_is_missing(error: ModuleNotFoundError) -> str:
 
 def _parser() -> argparse.ArgumentParser:
     # Here, so that Ctrl-C while the libraries are loaded ends it as at any other time.
-    from sesa2.commands import align, board, budget, check, evaluate, export, offsets, replay, run, twin, view
+    from sesa2.commands import (
+        align,
+        board,
+        budget,
+        check,
+        evaluate,
+        export,
+        magnets,
+        offsets,
+        replay,
+        run,
+        twin,
+        view,
+    )
 
     parser = argparse.ArgumentParser(
         prog='sesa2', description='Shape of a soft continuum arm from the orientations of IMUs along it.'
@@ -73,6 +86,7 @@ def _parser() -> argparse.ArgumentParser:
         ('check', check, 'validate a configuration and say what it means'),
         ('replay', replay, 'the estimator over a whole recording, as fast as the machine can'),
         ('align', align, 'mountings and headings from a recording'),
+        ('magnets', magnets, 'magnets and magnetometers as they are, from known shapes'),
         ('evaluate', evaluate, 'error against motion capture'),
         ('export', export, 'results as CSV, npz, mat or TUM trajectories'),
         ('view', view, 'a recording as one page with a time line'),

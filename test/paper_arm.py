@@ -100,6 +100,31 @@ class PaperArm:
             out += [np.einsum('ni,ni->n', field, turn.apply(axis)) for axis in own]
         return np.stack(out, axis=-1)
 
+    def simulate_build(self, build, q):
+        """Readings of shapes by magpylib of an arm like this that is built as a MagneticReadings says, T."""
+        magpylib = pytest.importorskip('magpylib', reason='magpylib is not installed')
+        sensors, out = build.magnetometers, []
+        poses = [self._pose(q, s) for s in build.magnets.positions]
+        sources = [
+            magpylib.magnet.CylinderSegment(
+                polarization=(0, 0, m.remanence),
+                dimension=(m.inner_diameter / 2, m.outer_diameter / 2, m.height, 0, 360),
+            )
+            for m in build.magnets.magnets
+        ]
+        for i, s in enumerate(sensors.positions):
+            p, turn = self._pose(q, s)
+            azimuth = sensors.azimuths[i]
+            lever = sensors.radii[i] * np.array([np.cos(azimuth), np.sin(azimuth)])
+            at = p + turn.apply([*lever, sensors.axial_offsets[i]])
+            field = np.broadcast_to(build.earth_field, (len(q), 3))
+            for source, (centre, frame) in zip(sources, poses, strict=True):
+                field = field + frame.apply(source.getB(frame.inv().apply(at - centre)))
+            own = turn * Rotation.from_euler('z', azimuth) * Rotation.from_quat(sensors.mountings[i])
+            read = own.inv().apply(field) * sensors.gains[i]
+            out.append(read if sensors.axes[i] == 'xyz' else read[:, 2:])
+        return np.concatenate(out, axis=1) + sensors.offsets
+
     def _pose(self, q, s):
         """Position (n, 3) and scipy rotations of places s of shapes; a joint is the end of the segment before it."""
         p, turn, start = np.zeros((len(q), 3)), Rotation.identity(len(q)), 0.0

@@ -3,6 +3,7 @@
 import argparse
 
 from sesa2.commands.arguments import warn
+from sesa2.commands.check_magnets import check_magnets
 from sesa2.configuration import Configuration, files
 from sesa2.configuration.description import describe, table
 from sesa2.sensing.imu.bno055.offsets import load_offsets, offsets_are_there
@@ -19,6 +20,8 @@ def run(options: argparse.Namespace) -> int:
     print(describe(c))
     if c.calibration.file:
         print('\n'.join(['', *_offsets(c)]))
+    if c.magnetometers.ids:
+        check_magnets(c)
     return 0
 
 

@@ -1,14 +1,16 @@
 """The magnets in an arm and the magnetometers around them."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from sesa2.sensing.magnetic.magnetic_readings import MagneticReadings, MagnetometerPlaces, MagnetPlaces
 from sesa2.sensing.magnetic.ring_magnet import RingMagnet
+from sesa2.shape.arm import GeometryError
 from sesa2.shape.kinematics.coordinate_limits import CoordinateLimits
 from sesa2.shape.options import parameter
 from sesa2.shape.rotations import FloatArray, normalize
@@ -42,6 +44,34 @@ class MagnetSection:
             segment_ends[np.array(self.segments, dtype=int) - 1] + np.array(self.positions),
         )
 
+    def calibrated(self, found: MagneticReadings, segment_ends: FloatArray) -> 'MagnetSection':
+        """The same as a predictor has them.
+
+        Raises
+        ------
+        GeometryError
+            a magnet would be outside its segment.
+        """
+        starts = segment_ends[np.array(self.segments, dtype=int) - 1]
+        positions = found.magnets.positions - starts
+        lengths = segment_ends[np.array(self.segments, dtype=int)] - starts
+        outside = np.flatnonzero((positions < 0.0) | (positions > lengths))
+        if len(outside):
+            i = outside[0]
+            raise GeometryError(
+                f'magnet {i + 1} was found {1e3 * positions[i]:.2f} mm from the base of segment {self.segments[i]}, '
+                f'expected 0 to {1e3 * lengths[i]:.2f} mm'
+            )
+        magnets = found.magnets.magnets
+        return replace(
+            self,
+            positions=_rounded(positions),
+            inner_diameters=_rounded([magnet.inner_diameter for magnet in magnets]),
+            outer_diameters=_rounded([magnet.outer_diameter for magnet in magnets]),
+            heights=_rounded([magnet.height for magnet in magnets]),
+            remanences=_rounded([magnet.remanence for magnet in magnets]),
+        )
+
 
 @dataclass(frozen=True)
 class MagnetometerSection:
@@ -66,6 +96,31 @@ class MagnetometerSection:
     range: float = parameter(2.0e-3, 'reading at which a sensor saturates, T', above=0.0)
     noise: float = parameter(7.0e-7, 'expected error of a reading, one standard deviation, T', above=0.0)
     earth_field: Floats = parameter((0.0, 0.0, 0.0), "the earth's field in W, T", low=-1e-3, high=1e-3)
+
+    def calibrated(self, found: MagneticReadings) -> 'MagnetometerSection':
+        """The same as a predictor of those that are used has them."""
+        n, m = len(self.ids), found.magnetometers
+        used = [self.ids.index(i) for i in m.ids]
+        axes = _each(self.axes, n)
+        offsets = np.array(self.offsets)
+        if len(offsets) == n:
+            offsets = np.repeat(offsets, [len(of) for of in axes])
+        offsets = np.array(np.broadcast_to(offsets, self.n_readings))
+        offsets[np.repeat(np.isin(np.arange(n), used), [len(of) for of in axes])] = m.offsets
+        mountings = np.array(np.broadcast_to(np.reshape(self.mount_orientations, (-1, 4)), (n, 4)))
+        mountings[used] = m.mountings
+        values: dict[str, Any] = {}
+        for name in ('radii', 'azimuths', 'axial_offsets', 'gains'):
+            of = np.array(_each(getattr(self, name), n), dtype=float)
+            of[used] = getattr(m, name)
+            values[name] = _rounded(of)
+        return replace(
+            self,
+            **values,
+            offsets=_rounded(offsets),
+            mount_orientations=_rounded(mountings.ravel()),
+            earth_field=_rounded(found.earth_field),
+        )
 
     @property
     def n_readings(self) -> int:
@@ -115,3 +170,7 @@ def magnetic_readings(
 
 def _each(values: tuple[Any, ...], n: int) -> tuple[Any, ...]:
     return values * n if len(values) == 1 else values
+
+
+def _rounded(values: ArrayLike) -> Floats:
+    return tuple(np.round(np.asarray(values, dtype=float), 12).tolist())

@@ -14,6 +14,7 @@ from sesa2.plant.plant_options import PlantOptions
 from sesa2.plant.simulated_arm import Plant
 from sesa2.sensing.imu.error_model import Bno055Errors
 from sesa2.sensing.lengths import BackboneLengths
+from sesa2.sensing.magnetic.magnetic_readings import MagneticReadings
 from sesa2.shape.arm import Arm, GeometryError
 from sesa2.shape.layout import Layout
 from sesa2.shape.model import Model
@@ -314,6 +315,14 @@ class Configuration:
             headings=tuple(np.round(headings, 9).tolist()),
         )
         return replace(self, imus=imus)
+
+    def with_magnets(self, found: MagneticReadings) -> 'Configuration':
+        """The same with magnets and magnetometers as a predictor of them has them."""
+        return replace(
+            self,
+            magnets=self.magnets.calibrated(found, self.layout.segment_ends),
+            magnetometers=self.magnetometers.calibrated(found),
+        )
 
     def with_options(self, model: str, **values: Any) -> 'Configuration':
         """The same with other options of a model."""

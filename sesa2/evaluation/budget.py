@@ -331,9 +331,10 @@ def _layouts(configuration: Configuration) -> list[tuple[str, Model[Any], np.nda
     """Name of the layout, model, and which of its IMUs are alive."""
     arm = configuration.layout.arm
     alive = np.array(configuration.imus.enabled)
-    entries = [(CONFIGURED, configuration.create_model(name), alive) for name in configuration.models]
+    names = [name for name in configuration.models if name != 'magnetic']  # that has a budget of its own
+    entries = [(CONFIGURED, configuration.create_model(name), alive) for name in names]
     for n in EVENLY_SPACED:
-        for name in configuration.models:
+        for name in names:
             # Rigid links are oriented as their middles (Table I); curves want their IMUs at the sections' ends, the
             # last at the tip.
             rigid = name == 'rigid'

@@ -77,6 +77,10 @@ class RingMagnet:
         good = np.flatnonzero(left_out <= TOLERANCE)
         return HIGHEST_ORDER if not len(good) else min(2 * int(good[0]) + 1, HIGHEST_ORDER)
 
+    def left_out(self, order: int, distance: float) -> float:
+        """At most how much of the field a series to an odd order leaves out, in parts of the dipole's least field."""
+        return float(_left_out(self, max(distance, 1.001 * self.sphere))[(order - 1) // 2])
+
 
 @lru_cache(maxsize=64)
 def _moments(inner_diameter: float, outer_diameter: float, height: float, order: int) -> FloatArray:

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from paper_arm import NOISE, PaperArm, errors, lemniscate
 
-from sesa2.sensing.magnetic.magnet_calibration import BuildErrors, _Bench, calibrate_magnets
+from sesa2.sensing.magnetic.build_parameters import BuildErrors, BuildParameters
+from sesa2.sensing.magnetic.magnet_calibration import calibrate_magnets
 from sesa2.sensing.magnetic.magnetic_readings import MagneticReadings
 from sesa2.shape.arm import GeometryError
 from sesa2.shape.coordinate_fit import CoordinateFit
@@ -122,7 +123,7 @@ def test_readings_that_are_not_there():
 def test_a_sensor_that_is_moved_is_not_turned():
     """What it reads of the earth's field alone stays."""
     arm = PaperArm(1, 2, axes='xyz', earth=FIELD, tilt=0.3)
-    bench = _Bench(arm.predictor, BuildErrors())
+    bench = BuildParameters(arm.predictor, BuildErrors())
     theta = np.zeros(len(bench.names))
     theta[[bench.names.index(f'magnetometer_{i} position {a}') for i in (1, 2) for a in 'xyz']] = 3e-3
     rest = arm.limits.kinematics.rest
@@ -138,3 +139,12 @@ def test_a_sensor_that_is_moved_is_not_turned():
     np.testing.assert_allclose(of_the_earth(moved), of_the_earth(arm.predictor), rtol=0.0, atol=1e-15)
     steps = moved.distances(rest) - arm.predictor.distances(rest)
     assert (np.abs(steps) > 1e-3).any()
+
+
+@pytest.mark.parametrize('axes', ['z', 'xyz'])
+def test_a_build_reads_as_magpylib_says(axes):
+    arm, rng = PaperArm(2, axes=axes), np.random.default_rng(4)
+    build = BuildParameters(arm.predictor, BuildErrors())
+    real = build.changed(3.0 * build.deviations * rng.normal(size=len(build.names)))
+    q = arm.limits.draw(20, rng)
+    np.testing.assert_allclose(real.predict(q).readings, arm.simulate_build(real, q), atol=1e-10)
