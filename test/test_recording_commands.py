@@ -158,7 +158,15 @@ def test_evaluate_finds_offset_and_frame_and_prints_what_the_design_says(tmp_pat
     printed = capsys.readouterr()
     figures = json.loads(printed.out)
     assert 'report: ' in printed.err
-    assert set(figures) == {'models', 'time_offset_s', 'scale', 'clock_rate', 'warnings', 'registration'}
+    assert set(figures) == {
+        'models',
+        'time_offset_s',
+        'scale',
+        'clock_rate',
+        'clock_rate_std',
+        'warnings',
+        'registration',
+    }
     assert set(figures['models']['pcc']['A']) == {
         'median_mm',
         'q3_mm',

@@ -2,7 +2,8 @@
 
 What smooth shapes and constant corrections (mounting, heading) leave of the measured orientations is asked what would
 explain it best: an IMU whose mounting changes at some time, an IMU at another place (it is off by so much times the
-arm's curvature there), or a base that tilts, which takes all IMUs along. As in `self_calibration` the shape is
+arm's curvature there), a base that tilts, which takes all IMUs along, or mountings that all lean the same way, as an
+alignment on a leaning arm leaves them. As in `self_calibration` the shape is
 marginalised, and so are the corrections and a heading that wanders.
 """
 
@@ -33,15 +34,18 @@ class Suspect(NamedTuple):
     Attributes
     ----------
     kind
-        'loose', 'place' or 'base'.
+        'loose', 'place', 'base' or 'lean'.
     imu
-        its index along the arm; −1 for the base.
+        its index along the arm; −1 for the base and for all IMUs.
     size
-        how far: rad of turning for 'loose' and 'base', m for 'place' (positive: farther from the base than configured).
+        how far: rad of turning for 'loose', 'base' and 'lean', m for 'place' (positive: farther from the base than
+        configured).
     after
-        share of the recording after which it turned, 0 to 1; 0 for 'place'.
+        share of the recording after which it turned, 0 to 1; 0 for 'place' and 'lean'.
     evidence
         by how much twice the log-likelihood would rise.
+    rest
+        by how much it would rise further by the best of all others; known of the best of each kind, else infinite.
     """
 
     kind: str
@@ -49,6 +53,7 @@ class Suspect(NamedTuple):
     size: float
     after: float
     evidence: float
+    rest: float = np.inf
 
 
 class Examination(NamedTuple):
@@ -60,13 +65,10 @@ class Examination(NamedTuple):
         squared disagreement of the typical frame with every smooth shape, per measured value and its assumed variance.
     suspects
         all that was asked, the best explanation first.
-    mountings : (n_imu, 3)
-        corrections of the mountings that were made besides, rotation vectors about the link's axes, rad.
     """
 
     misfit: float
     suspects: list[Suspect]
-    mountings: FloatArray
 
 
 def examine(
@@ -145,7 +147,9 @@ class _Examiner:
         for iteration in range(_ITERATIONS):
             per_imu = beta.reshape(-1, 4)
             unturn = Mounting(from_rotation_vector(per_imu[:, :3]), per_imu[:, 3])
-            y, J, shape = self._prior.linearise(curvature, unturn.link_orientations(self._links), self._bases)
+            corrected = unturn.link_orientations(self._links)
+            self._prior.widen(corrected, self._bases)
+            y, J, shape = self._prior.linearise(curvature, corrected, self._bases)
             marginal = self._prior.marginalise(J, self._measured, twist)
             D = self._design(shape, curvature)
             WD = marginal.precision @ D
@@ -164,8 +168,7 @@ class _Examiner:
                 twist = likelier_twist(twist, marginal, np.sqrt(trust / self._weight)[:, None] * weighed)
         # The last step is in `beta` but not in b.
         b = b - N[:, :, c] @ step
-        suspects = sorted(self._suspects(N, b, beta), key=lambda s: -s.evidence)
-        return Examination(misfit, suspects, beta.reshape(-1, 4)[:, :3])
+        return Examination(misfit, self._suspects(N, b, beta))
 
     def _design(self, shape: FloatArray, curvature: FloatArray) -> FloatArray:
         f, n = shape.shape[:2]
@@ -196,20 +199,55 @@ class _Examiner:
         return np.array(N), np.array(b)
 
     def _suspects(self, N: FloatArray, b: FloatArray, beta: FloatArray) -> list[Suspect]:
-        c, n = self._constant, self._n
-        inverse = np.linalg.inv(N.sum(axis=0)[np.ix_(c, c)] + self._information)
-        pull = b.sum(axis=0)[c] - self._information @ beta
-        asked = [('place', i, np.array([4 * n + 2 + i]), 0) for i in range(n - 1)]
+        """All of them, the best explanation first; of the best of each kind, what it leaves to the others."""
+        n = self._n
+        columns = np.eye(5 * n + 2)
+        asked = [_Asked('place', i, columns[:, [4 * n + 2 + i]], 0) for i in range(n - 1)]
+        asked.append(_Asked('lean', -1, columns[:, : 4 * n].reshape(-1, n, 4).sum(axis=1)[:, :2], 0))
         for first in range(2, WINDOWS - 1):
-            asked += [('loose', i, 4 * i + np.arange(3), first) for i in range(n)]
-            asked.append(('base', -1, 4 * n + np.arange(2), first))
-        out = []
-        for kind, imu, columns, first in asked:
-            late = N[first:].sum(axis=0)
-            cross = late[np.ix_(columns, c)]
-            own = late[np.ix_(columns, columns)] - cross @ inverse @ cross.T
-            unexplained = b[first:].sum(axis=0)[columns] - cross @ inverse @ pull
-            found = np.linalg.lstsq(own + 1e-9 * np.eye(len(own)), unexplained, rcond=None)[0]
-            size = float(found[0]) if kind == 'place' else float(np.linalg.norm(found))
-            out.append(Suspect(kind, imu, size, first / WINDOWS, float(found @ unexplained)))
-        return out
+            asked += [_Asked('loose', i, columns[:, 4 * i : 4 * i + 3], first) for i in range(n)]
+            asked.append(_Asked('base', -1, columns[:, 4 * n : 4 * n + 2], first))
+        # Of the windows from each on.
+        since = np.cumsum(N[::-1], axis=0)[::-1], np.cumsum(b[::-1], axis=0)[::-1]
+        found = {id(one): self._suspect(one, [], since, beta) for one in asked}
+        asked.sort(key=lambda one: -found[id(one)].evidence)
+        best = {one.kind: one for one in reversed(asked)}
+        for one in best.values():
+            rest = max(
+                self._suspect(other, [one], since, beta).evidence
+                for other in asked
+                if (other.kind, other.imu) != (one.kind, one.imu)
+            )
+            found[id(one)] = found[id(one)]._replace(rest=rest)
+        return [found[id(one)] for one in asked]
+
+    def _suspect(
+        self, asked: '_Asked', given: list['_Asked'], since: tuple[FloatArray, FloatArray], beta: FloatArray
+    ) -> Suspect:
+        """How well what is asked explains what constant corrections, and what is given, leave."""
+        constant = _Asked('constant', -1, np.eye(5 * self._n + 2)[:, self._constant], 0)
+        left = [constant, *given]
+        both = [
+            [x.columns.T @ since[0][max(x.first, y.first)] @ y.columns for y in (*left, asked)]
+            for x in (*left, asked)
+        ]
+        both[0][0] = both[0][0] + self._information
+        pull = [x.columns.T @ since[1][x.first] for x in (*left, asked)]
+        pull[0] = pull[0] - self._information @ beta
+        normal, gradient = np.block(both), np.concatenate(pull)
+        k = len(gradient) - asked.columns.shape[1]
+        gain = np.linalg.solve(normal[:k, :k] + 1e-9 * np.eye(k), normal[:k, k:]).T
+        own = normal[k:, k:] - gain @ normal[:k, k:]
+        unexplained = gradient[k:] - gain @ gradient[:k]
+        found = np.linalg.lstsq(own + 1e-9 * np.eye(len(own)), unexplained, rcond=None)[0]
+        size = float(found[0]) if asked.kind == 'place' else float(np.linalg.norm(found))
+        return Suspect(asked.kind, asked.imu, size, asked.first / WINDOWS, float(found @ unexplained))
+
+
+class _Asked(NamedTuple):
+    """A suspect: what it does to the orientations, as columns of the design, and from which window on."""
+
+    kind: str
+    imu: int
+    columns: FloatArray
+    first: int

@@ -5,11 +5,10 @@ from typing import NamedTuple
 import numpy as np
 
 from sesa2.alignment.heading_filter import DRIFT_STD, DRIFT_TIME
-from sesa2.alignment.shape_prior import BENDING, TWIST, Marginal, ShapePrior, likelier_twist
+from sesa2.alignment.shape_prior import TWIST, Marginal, ShapePrior, likelier_twist
 from sesa2.sensing.imu.mounting import Mounting
 from sesa2.shape.layout import Layout
-from sesa2.shape.measured import with_base
-from sesa2.shape.rotations import FloatArray, from_rotation_vector, multiply, rotate, tangent
+from sesa2.shape.rotations import FloatArray, from_rotation_vector, multiply, rotate
 
 # The prior's widths are learnt from all IMUs together, in which those expected count as much as so many parameters.
 _COUNTS_AS = 6
@@ -27,8 +26,6 @@ _FEWEST_FRAMES = 3  # of a window that tells about twist
 _FORGOTTEN = 0.25  # of a short recording, after which a change is forgotten, so that it may come and go
 # Wide at first, and narrowed by what is seen: begun narrow, a change would be taken for twist and never be found.
 _FIRST_DRIFT = np.deg2rad(10.0)
-# The more an arm bends, the more its curvature changes along it: over the whole arm, against how much it bends.
-_CHANGE_OF_CURVATURE = 6.0
 
 
 class HeadingWindows(NamedTuple):
@@ -65,18 +62,6 @@ class HeadingWindows(NamedTuple):
             np.linalg.inv(np.exp(-apart / min(DRIFT_TIME, _FORGOTTEN * seconds))),
             width * np.arange(n),
         )
-
-
-def _least_bend(links: FloatArray, bases: FloatArray) -> float:
-    """How much an arm bends at least, rad: the median angle from a station to the nearest one in direction, times them.
-
-    It is the same however IMUs are exchanged, so that exchanged ones do not pass for an arm that bends a lot.
-    """
-    tangents = tangent(with_base(links, bases))
-    cosines = tangents @ tangents.swapaxes(1, 2)
-    n = cosines.shape[1]
-    cosines[:, np.arange(n), np.arange(n)] = -1.0
-    return (n - 1) * float(np.median(np.arccos(np.clip(cosines.max(axis=-1), -1.0, 1.0))))
 
 
 class JointEstimate:
@@ -178,9 +163,7 @@ class JointEstimate:
         if learn_twist:
             self.twist = self._likelier_twist(marginal, np.sqrt(trust)[:, None] * weighed)
         if learn:
-            self._prior.bending = max(
-                BENDING, _CHANGE_OF_CURVATURE * _least_bend(self._corrected(), self._bases)
-            )
+            self._prior.widen(self._corrected(), self._bases)
             self._learn_widths()
         return step[: 4 * n_imu]
 

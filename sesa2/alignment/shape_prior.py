@@ -18,6 +18,7 @@ from sesa2.shape.rotations import (
     from_rotation_vector,
     multiply,
     rotate,
+    tangent,
     to_rotation_vector,
 )
 
@@ -25,6 +26,8 @@ from sesa2.shape.rotations import (
 # twists, rad.
 BENDING = 9.0
 TWIST = 0.03
+# The more an arm bends, the more its curvature changes along it: over the whole arm, against how much it bends.
+_CHANGE_OF_CURVATURE = 6.0
 
 # Scatter assumed of an IMU that is already corrected, from all that changes with time: about each axis, and of its
 # heading about the vertical besides, rad.
@@ -109,6 +112,18 @@ class ShapePrior:
         rows = 3 * len(counts)
         self._scatter = TILT_SCATTER**2 * np.eye(rows)
         self._scatter[2::3, 2::3] += heading_scatter**2 * np.eye(len(counts))
+
+    def widen(self, links: FloatArray, base: FloatArray) -> None:
+        """Expect as much bending as these orientations show, and no less than always.
+
+        Parameters
+        ----------
+        links : (n, n_imu, 4)
+            q_WL, x y z w.
+        base : (n, 4)
+            q_WB, x y z w.
+        """
+        self.bending = max(BENDING, _CHANGE_OF_CURVATURE * _least_bend(links, base))
 
     def first_guess(self, links: FloatArray, base: FloatArray) -> FloatArray:
         """Constant curvature from station to station.
@@ -200,6 +215,18 @@ class ShapePrior:
         """
         pulled = np.einsum('nrca,nr->nca', J, weighed)
         return (self._covariance @ pulled) * np.square([self.bending, self.bending, twist])
+
+
+def _least_bend(links: FloatArray, bases: FloatArray) -> float:
+    """How much an arm bends at least, rad: the median angle from a station to the nearest one in direction, times them.
+
+    It is the same however IMUs are exchanged, so that exchanged ones do not pass for an arm that bends a lot.
+    """
+    tangents = tangent(with_base(links, bases))
+    cosines = tangents @ tangents.swapaxes(1, 2)
+    n = cosines.shape[1]
+    cosines[:, np.arange(n), np.arange(n)] = -1.0
+    return (n - 1) * float(np.median(np.arccos(np.clip(cosines.max(axis=-1), -1.0, 1.0))))
 
 
 def likelier_twist(twist: float, marginal: Marginal, weighed: FloatArray) -> float:

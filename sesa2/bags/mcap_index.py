@@ -4,7 +4,7 @@ https://mcap.dev/spec
 """
 
 import zlib
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Sequence
 from pathlib import Path
 from typing import IO, Any, NamedTuple
 
@@ -51,8 +51,10 @@ def read_index(path: Path) -> Summary | None:
     return summary if indexed else None
 
 
-def indexed_messages(path: Path, summary: Summary, topics: Collection[str]) -> Iterator[Message]:
-    """Messages of these topics in order of time.
+def indexed_messages(
+    path: Path, summary: Summary, topics: Collection[str], spans: Sequence[tuple[int, int]] = ()
+) -> Iterator[Message]:
+    """Messages of these topics in order of time; where spans are given, ns, those of the chunks that reach into one.
 
     Raises
     ------
@@ -65,6 +67,10 @@ def indexed_messages(path: Path, summary: Summary, topics: Collection[str]) -> I
         if absolute(channel.topic) in topics
     }
     chunks = [c for c in summary.chunk_indexes if not wanted.keys().isdisjoint(c.message_index_offsets)]
+    if spans:
+        chunks = [
+            c for c in chunks if any(b <= c.message_end_time and c.message_start_time < e for b, e in spans)
+        ]
     chunks.sort(key=lambda c: c.message_start_time)
     waiting: list[_Found] = []  # of chunks that overlap the next one in time
     with path.open('rb') as file:

@@ -9,10 +9,11 @@ from typing import NamedTuple
 import numpy as np
 
 from sesa2.bags.captured_bodies import add_captured_imus
-from sesa2.bags.definitions import PATH, POSE_ARRAY, STRING, deserialise
+from sesa2.bags.definitions import PATH, STRING, deserialise
 from sesa2.bags.length_columns import add_length_columns
+from sesa2.bags.recorded_poses import Poses, read_pose_topics
 from sesa2.bags.recorded_stamps import RecordedStamps
-from sesa2.bags.recording import Recording, open_recording
+from sesa2.bags.recording import Recording, opened
 from sesa2.bags.topics import Message, RecordedTopic, field_topic, imu_topic, named_imu_topic
 from sesa2.configuration import Configuration
 from sesa2.errors import Sesa2Error
@@ -25,7 +26,6 @@ from sesa2.messages.length_messages import LENGTHS_TYPE
 from sesa2.messages.orientation_intake import OrientationIntake, TakenOrientations
 from sesa2.messages.topic_names import BACKBONE_LENGTHS, CONFIGURATION, absolute, imu_fields, imu_topics
 from sesa2.shape.rotations import FloatArray
-from sesa2.time import NS
 
 # Samples that are worked on at once: enough to make numpy worth its while, few enough to stay in the processor's cache.
 BLOCK = 2048
@@ -251,12 +251,12 @@ class ImuRecording:
             *(f'IMU {id_}: {n} messages not used: damaged' for id_, n in self.unreadable.items()),
         ]
 
-    def blocks(self) -> Iterator[ImuBlock]:
-        """All measurements, in the recording's order."""
+    def blocks(self, span_ns: tuple[int, int] | None = None) -> Iterator[ImuBlock]:
+        """All measurements, or those recorded from one time to before another, ns; in the recording's order."""
         wants_fields = self._intake is not None and self._intake.wants_fields
         fields: list[BesideMessage] = []
         beside = [*(self._fields if wants_fields else ()), *filter(None, [self.lengths_topic])]
-        messages = self._recording.messages([*self._ids, *beside])
+        messages = self._recording.messages([*self._ids, *beside], span_ns)
         while part := list(islice(messages, BLOCK)):
             lengths = [message for message in part if message.topic == self.lengths_topic]
             if lengths:
@@ -370,7 +370,7 @@ def _listed(ids: Iterable[int]) -> str:
     return ', '.join(map(str, sorted(ids)))
 
 
-def read_configuration(path: str | Path) -> str | None:
+def read_configuration(path: str | Path | Recording) -> str | None:
     """The configuration in a bag, as YAML; None where it holds none. Its first message, in a bag of ours.
 
     Raises
@@ -378,88 +378,25 @@ def read_configuration(path: str | Path) -> str | None:
     Sesa2Error
         the bag is not readable, or has the configurations of several arms.
     """
-    with open_recording(path) as recording:
+    with opened(path) as recording:
+        path = recording.path
         name = recording.find(CONFIGURATION, STRING)
         message = next(recording.messages([name]), None) if name else None
     return deserialise(message.data, STRING).data if message else None
 
 
-class Poses(NamedTuple):
-    """Poses over time, as a PoseArray carries them.
-
-    Attributes
-    ----------
-    times_s : (n,)
-        stamps of the messages, or when they were recorded where they have none, s.
-    positions : (n, m, 3)
-        m.
-    frame
-        in which they are.
-    orientations : (n, m, 4)
-        x y z w.
-    """
-
-    times_s: FloatArray
-    positions: FloatArray
-    frame: str
-    orientations: FloatArray
+def read_poses(path: str | Path | Recording, topic: str) -> Poses:
+    """Read one topic of geometry_msgs/PoseArray; parameters and errors as of `read_pose_topics`."""
+    return read_pose_topics(path, [topic])[0]
 
 
-def read_poses(path: str | Path, topic: str) -> Poses:
-    """Read one topic of geometry_msgs/PoseArray.
-
-    Parameters
-    ----------
-    path
-        of the recording.
-    topic
-        its name, as `Recording.find` takes it.
-
-    Raises
-    ------
-    Sesa2Error
-        the recording is not readable, has no such topic or several, or its messages have different numbers of poses.
-    """
-    with open_recording(path) as recording:
-        found = recording.find(topic, POSE_ARRAY)
-        name = found or absolute(topic)
-        if not found:
-            there = recording.topics.get(name)
-            got = f'it is of {there.type}' if there else 'there is none'
-            arrays = ', '.join(n for n, t in recording.topics.items() if t.type == POSE_ARRAY)
-            raise Sesa2Error(
-                f'{path}: expected a topic {name} of {POSE_ARRAY}, {got}; of this type are: {arrays or "none"}'
-            )
-        times: list[int] = []
-        arrays_read: list[FloatArray] = []
-        frame = ''
-        for message in recording.messages([name]):
-            try:
-                stamp_ns, array = poses.read_pose_array(message.data)
-                if not times:
-                    frame = deserialise(message.data, POSE_ARRAY).header.frame_id
-            except Exception:  # cut bytes make a parser stumble in any way
-                raise Sesa2Error(f'{path}: message {len(times)} of {name} is no {POSE_ARRAY}') from None
-            times.append(stamp_ns or message.log_ns)
-            arrays_read.append(array)
-            if len(array) != len(arrays_read[0]):
-                raise Sesa2Error(
-                    f'{path}: message {len(times) - 1} of {name} has {len(array)} poses, '
-                    f'the first one {len(arrays_read[0])}'
-                )
-    if not times:
-        raise Sesa2Error(f'{path}: no message on {name}')
-    all_poses = np.array(arrays_read, dtype=float).reshape(len(times), -1, 7)
-    return Poses(np.array(times) / NS, all_poses[..., :3], frame, all_poses[..., 3:])
-
-
-def read_backbone(path: str | Path, topic: str, index: int) -> FloatArray:
+def read_backbone(path: str | Path | Recording, topic: str, index: int) -> FloatArray:
     """Positions of one message of a nav_msgs/Path.
 
     Parameters
     ----------
     path
-        of the recording.
+        of the recording, or the open recording.
     topic
         its name, as `Recording.find` takes it.
     index
@@ -474,7 +411,8 @@ def read_backbone(path: str | Path, topic: str, index: int) -> FloatArray:
     Sesa2Error
         the recording is not readable, or has no such message.
     """
-    with open_recording(path) as recording:
+    with opened(path) as recording:
+        path = recording.path
         name = recording.find(topic, PATH)
         message = next(islice(recording.messages([name]), index, None), None) if name else None
     if message is None:

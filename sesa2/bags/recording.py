@@ -3,6 +3,7 @@
 import heapq
 import re
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
 from itertools import chain
 from operator import attrgetter
@@ -73,20 +74,33 @@ class Recording:
                 problems.append(problem)
         return problems
 
-    def messages(self, topics: Iterable[str] | None = None) -> Iterator[Message]:
+    def messages(
+        self, topics: Iterable[str] | None = None, span_ns: tuple[int, int] | None = None
+    ) -> Iterator[Message]:
         """Messages in order of time; of a bag cut short, in the order of recording.
 
         Parameters
         ----------
         topics
             names; all where it is None.
+        span_ns
+            only those recorded from one time to before another, ns; what has an index is then read there alone.
         """
         wanted = set(self.topics if topics is None else topics)
-        one_after_another = chain.from_iterable(part.messages(wanted) for part in self._parts)
+        one_after_another = chain.from_iterable(_within(part, wanted, span_ns) for part in self._parts)
         if not self._beside:
             return one_after_another
-        beside = [part.messages(wanted) for part in self._beside]
+        beside = [_within(part, wanted, span_ns) for part in self._beside]
         return heapq.merge(one_after_another, *beside, key=attrgetter('log_ns'))
+
+    @property
+    def indexed_ns(self) -> tuple[int, int] | None:
+        """When its first and last message were recorded, ns, where parts of it can be read; else None."""
+        spans = [part.span_ns if isinstance(part, _Rosbag2) else None for part in self._all]
+        known = [span for span in spans if span is not None]
+        if len(known) < len(spans) or not known:
+            return None
+        return min(begin for begin, _ in known), max(end for _, end in known)
 
     def find(self, name: str, type_name: str) -> str | None:
         """Absolute name of a topic of this type; None where there is none.
@@ -160,6 +174,13 @@ def open_recording(source: str | Path | Mapping[int, Path], first_id: int | None
     return recording
 
 
+def opened(
+    source: 'str | Path | Mapping[int, Path] | Recording', first_id: int | None = None
+) -> 'AbstractContextManager[Recording]':
+    """What `open_recording` opens; a recording that is open stays so: of a long one, opening takes its time."""
+    return nullcontext(source) if isinstance(source, Recording) else open_recording(source, first_id)
+
+
 def _open_folder(path: Path) -> Recording:
     problems = []
     if (path / 'metadata.yaml').is_file():
@@ -207,6 +228,14 @@ def _indexed_files(path: Path) -> list[tuple[Path, Summary]]:
     return indexed if len(indexed) == len(files) else []
 
 
+def _within(part: Part, topics: set[str], span_ns: tuple[int, int] | None) -> Iterator[Message]:
+    if span_ns is None:
+        return part.messages(topics)
+    begin, end = span_ns
+    found = part.messages(topics, span_ns) if isinstance(part, _Rosbag2) else part.messages(topics)
+    return (message for message in found if begin <= message.log_ns < end)
+
+
 class _RefusedError(Exception):
     """Why rosbags does not read a bag."""
 
@@ -233,14 +262,23 @@ class _Rosbag2:
             latched = is_latched(getattr(connection.ext, 'offered_qos_profiles', ()))
             self.topics[name] = RecordedTopic(connection.msgtype, count, latched, connection.msgdef.data)
 
-    def messages(self, topics: Collection[str]) -> Iterator[Message]:
+    @property
+    def span_ns(self) -> tuple[int, int] | None:
+        """Times of the first and last message, ns; None where it is not indexed."""
+        if not self._indexed:
+            return None
+        statistics = [summary.statistics for _, summary in self._indexed]
+        times = [(s.message_start_time, s.message_end_time) for s in statistics if s is not None]
+        return min(begin for begin, _ in times), max(end for _, end in times)
+
+    def messages(self, topics: Collection[str], span_ns: tuple[int, int] | None = None) -> Iterator[Message]:
         wanted = [c for c in self._reader.connections if self._names[c.id] in topics]
         if not wanted:  # rosbags would take none for all
             return
         read = 0
         try:
             for file, summary in self._indexed:
-                for message in indexed_messages(file, summary, topics):
+                for message in indexed_messages(file, summary, topics, [span_ns] if span_ns else ()):
                     yield message
                     read += 1
             if not self._indexed:

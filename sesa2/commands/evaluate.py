@@ -101,9 +101,7 @@ def _lines(label: str, evaluation: Evaluation) -> list[str]:
     told = f': {registration.told()}' if registration.kind != 'none' else ''
     lines = [f'{label}: time offset {shift}, registration {registration.kind}{told}']
     if (fit := evaluation.similarity) is not None:
-        lines.append(
-            f'  not applied: scale {fit.scale:.4f}, clock rate {1e6 * fit.clock_rate:+.0f} ppm would fit best'
-        )
+        lines.append(f'  not applied: {fit.told()}')
     rows = [
         (
             model,

@@ -33,7 +33,9 @@ def stuck_spans(
     for i in range(measured.shape[1]):
         own = np.flatnonzero(measured[:, i])
         found: list[tuple[float, float]] = []
-        moves = np.flatnonzero((np.diff(orientations[own, i], axis=0) != 0.0).any(axis=1)) + 1
+        turns = (np.diff(orientations[own, i], axis=0) != 0.0).any(axis=1)
+        # Of what was between two parts of a recording nothing is known.
+        moves = np.flatnonzero(turns | (np.diff(stamps[own]) >= STUCK_FOR)) + 1
         starts, ends = np.append(0, moves), np.append(moves, len(own))
         if len(own):
             long = stamps[own[ends - 1]] - stamps[own[starts]] >= STUCK_FOR

@@ -7,9 +7,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sesa2.bags.reading import read_backbone, read_configuration, read_poses
+from sesa2.bags.reading import read_backbone, read_configuration
+from sesa2.bags.recorded_poses import read_pose_topics
 from sesa2.bags.recorded_sweeps import read_sweeps
-from sesa2.bags.recording import open_recording
+from sesa2.bags.recording import Recording, open_recording
 from sesa2.configuration import Configuration, files
 from sesa2.errors import Sesa2Error
 from sesa2.evaluation.drawn_pose import DrawnPose
@@ -17,12 +18,14 @@ from sesa2.evaluation.evaluate import Evaluation, evaluate
 from sesa2.evaluation.imu_warnings import ImuFindings, imu_warnings
 from sesa2.evaluation.registration import TURNING, Kind
 from sesa2.evaluation.similarity import Similarity
-from sesa2.evaluation.trajectory import Trajectory
+from sesa2.evaluation.trajectory import EvaluationError, Trajectory
 from sesa2.evaluation.truth import read_truth
 from sesa2.messages.imu_messages import TYPE as IMU_TYPE
 from sesa2.messages.topic_names import of_model
 from sesa2.shape.rotations import FloatArray, conjugate, rotate
 from sesa2.time import NS
+
+_DRAWN_FROM = 20_000  # samples; to reach a later one, all before it must be read
 
 
 def evaluate_bag(
@@ -69,32 +72,39 @@ def evaluate_bag(
     Sesa2Error
         one of the two can't be read or holds no markers, or they do not belong together.
     """
-    estimated = _read_estimate(Path(estimate), models)
-    c = estimated.configuration
-    read = read_truth(truth, c.markers.names, topic=truth_topic, given=markers, rate=truth_rate)
-    true, about_frames = in_one_frame(read.trajectory, read.frame, c, estimated.frame, register)
-    arc_lengths = dict(zip(c.markers.names, c.markers.positions, strict=True))
-    evaluation = evaluate(
-        estimated.models,
-        true,
-        {name: arc_lengths[name] for name in true.names},
-        register=register,
-        fit_fraction=fit_fraction,
-        time_offset=time_offset,
-    )
-    if read.axes and register not in TURNING:
-        about_frames = (*about_frames, read.axes)
-    if about_frames and register not in TURNING and 'rigid' in evaluation.alternatives:
-        about_frames = (*about_frames[:-1], f'{about_frames[-1]} (--register rigid fits a rotation)')
-    imus = _about_imus(Path(estimate), c, evaluation.similarity)
-    told = evaluation.warnings
-    # Where the samples tell the cause, what else it looks like is not told.
-    if imus.explain_astray:
-        told = tuple(w for w in told if w not in evaluation.astray)
-    if imus.explain_frames:
-        told = tuple(w for w in told if w not in evaluation.about_frames)
-    warnings = (*read.notes, *about_frames, *imus.warnings, *told)
-    return replace(evaluation, warnings=warnings, pose=estimated.pose)
+    with open_recording(estimate) as recording:
+        estimated = _read_estimate(recording, models)
+        c = estimated.configuration
+        read = read_truth(truth, c.markers.names, topic=truth_topic, given=markers, rate=truth_rate)
+        true, about_frames = in_one_frame(read.trajectory, read.frame, c, estimated.frame, register)
+        arc_lengths = dict(zip(c.markers.names, c.markers.positions, strict=True))
+        try:
+            evaluation = evaluate(
+                estimated.models,
+                true,
+                {name: arc_lengths[name] for name in true.names},
+                register=register,
+                fit_fraction=fit_fraction,
+                time_offset=time_offset,
+            )
+        except EvaluationError as error:  # such as quaternions that are conjugated, on an arm that lies
+            found = _about_imus(recording, c, None, True).warnings
+            if not found:
+                raise
+            raise EvaluationError(f'{error}. {" ".join(found)}') from None
+        if read.axes and register not in TURNING:
+            about_frames = (*about_frames, read.axes)
+        if about_frames and register not in TURNING and 'rigid' in evaluation.alternatives:
+            about_frames = (*about_frames[:-1], f'{about_frames[-1]} (--register rigid fits a rotation)')
+        imus = _about_imus(recording, c, evaluation.similarity, evaluation.mirrored)
+        told = evaluation.warnings
+        # Where the samples tell the cause, what else it looks like is not told.
+        if imus.explain_astray:
+            told = tuple(w for w in told if w not in evaluation.astray)
+        if imus.explain_frames:
+            told = tuple(w for w in told if w not in evaluation.about_frames)
+        warnings = (*read.notes, *about_frames, *imus.warnings, *told)
+        return replace(evaluation, warnings=warnings, pose=estimated.pose)
 
 
 class _Estimate(NamedTuple):
@@ -118,8 +128,9 @@ class _Estimate(NamedTuple):
     pose: DrawnPose
 
 
-def _read_estimate(path: Path, models: Sequence[str] | None) -> _Estimate:
-    text = read_configuration(path)
+def _read_estimate(recording: Recording, models: Sequence[str] | None) -> _Estimate:
+    path = recording.path
+    text = read_configuration(recording)
     if text is None:
         raise Sesa2Error(f'{path}: has no topic configuration, expected a bag that sesa2 wrote')
     c = files.parse(text, f'configuration in {path}')
@@ -127,14 +138,14 @@ def _read_estimate(path: Path, models: Sequence[str] | None) -> _Estimate:
         raise Sesa2Error(f'{path}: its configuration has no markers, expected at least one to compare')
     chosen = models or c.models
     estimates = {}
-    for name in chosen:
-        poses = read_poses(path, of_model(name, 'markers'))
+    read = read_pose_topics(recording, [of_model(name, 'markers') for name in chosen])
+    for name, poses in zip(chosen, read, strict=True):
         times, positions, turns = _increasing(poses.times_s, poses.positions, poses.orientations)
         estimates[name] = Trajectory(times, positions, c.markers.names, turns)
     # For the figures: a pose that shows the arm well bent, its last marker being a median distance from the base.
     model = c.create_model(chosen[-1])
-    reach = np.linalg.norm(poses.positions[:, -1], axis=-1)
-    pose = read_backbone(path, of_model(chosen[-1], 'shape'), int(np.argsort(reach)[len(reach) // 2]))
+    reach = np.linalg.norm(poses.positions[:_DRAWN_FROM, -1], axis=-1)
+    pose = read_backbone(recording, of_model(chosen[-1], 'shape'), int(np.argsort(reach)[len(reach) // 2]))
     return _Estimate(c, estimates, poses.frame, DrawnPose(model.link_ends, pose))
 
 
@@ -169,18 +180,18 @@ def in_one_frame(
     return truth, (f'The truth is in frame {frame}, the estimate in {estimated}: {done}.',)
 
 
-def _about_imus(path: Path, c: Configuration, similarity: Similarity | None) -> ImuFindings:
+def _about_imus(
+    recording: Recording, c: Configuration, similarity: Similarity | None, odd: bool
+) -> ImuFindings:
     """What the IMUs' samples tell, where the bag holds them."""
-    with open_recording(path) as recording:
-        there = any(topic.count and topic.type == IMU_TYPE for topic in recording.topics.values())
-    if not there:
+    if not any(topic.count and topic.type == IMU_TYPE for topic in recording.topics.values()):
         return ImuFindings(())
     try:
-        sweeps = read_sweeps(path, c)
+        sweeps = read_sweeps(recording, c, sampled=True)
     except Sesa2Error as error:
         return ImuFindings((f'The IMUs in it were not examined: {error}.',))
     stamps = (sweeps.stamps_ns - sweeps.stamps_ns[0]) / NS
-    return imu_warnings(c, stamps, sweeps.orientations, sweeps.measured, sweeps.base, similarity)
+    return imu_warnings(c, stamps, sweeps.orientations, sweeps.measured, sweeps.base, similarity, odd=odd)
 
 
 def _increasing(times: FloatArray, *of_them: FloatArray) -> tuple[FloatArray, ...]:

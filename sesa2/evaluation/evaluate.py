@@ -57,6 +57,8 @@ class Evaluation:
         those of the warnings that blame frames, lengths or clocks.
     astray
         those that are told where all markers go astray together, which has more than one cause.
+    mirrored
+        true where the truth was mirrored before it was scored.
     pose
         of the arm, to draw the errors around; None where only its markers are known.
     """
@@ -72,6 +74,7 @@ class Evaluation:
     alternatives: Mapping[Kind, float] = field(default_factory=dict)
     about_frames: tuple[str, ...] = ()
     astray: tuple[str, ...] = ()
+    mirrored: bool = False
     pose: DrawnPose | None = None
 
     def to_json(self) -> dict[str, Any]:
@@ -95,6 +98,9 @@ class Evaluation:
             'time_offset_s': self.time_offset.seconds,
             'scale': None if similarity is None else similarity.scale,
             'clock_rate': None if similarity is None else similarity.clock_rate,
+            'clock_rate_std': None
+            if similarity is None or math.isinf(similarity.clock_rate_std)
+            else similarity.clock_rate_std,
             'warnings': list(self.warnings),
             'registration': {
                 'kind': registration.kind,
@@ -161,7 +167,12 @@ def evaluate(
             raise
         evaluation = _evaluate(estimates, image, arc_lengths, register, fit_fraction, time_offset)
         said = f'T{mirrored.finding[1:]}. It was mirrored and scored so.'
-        return replace(evaluation, warnings=(said, *evaluation.warnings))
+        return replace(
+            evaluation,
+            warnings=(said, *evaluation.warnings),
+            about_frames=(said, *evaluation.about_frames),
+            mirrored=True,
+        )
 
 
 def _evaluate(
@@ -224,11 +235,13 @@ def _evaluate(
             comparison.alternatives(~after, after),
             comparison.alternatives(everything, everything),
         )
-        placed, similarity = _most_similar(estimates, registration, truth, offset.seconds)
+        placed, similarity = _most_similar(
+            estimates, registration, truth, offset.seconds, np.array(list(arc_lengths.values()))
+        )
         own = truth.times - offset.seconds
         x = placed.at(own if similarity is None else similarity.estimate_times(truth.times, offset.seconds))
         frames = registration_hints(register, alternatives, of_all, farthest)
-        frames += cause_warnings(register, x, truth, similarity, farthest, _speed(placed))
+        frames += cause_warnings(register, x, truth, similarity, farthest)
         astray = base_warnings(x, truth, farthest)
     warnings = (
         *_offset_warnings(offset),
@@ -274,7 +287,11 @@ def _nothing_scored(register: Kind, fit_fraction: float, n: int, when: FloatArra
 
 
 def _most_similar(
-    estimates: Mapping[str, Trajectory], registration: Registration, truth: Trajectory, offset: float
+    estimates: Mapping[str, Trajectory],
+    registration: Registration,
+    truth: Trajectory,
+    offset: float,
+    arc_lengths: FloatArray,
 ) -> tuple[Trajectory, Similarity | None]:
     """The model that agrees best once scale, clock rate and frames are left out, and what these would be.
 
@@ -286,18 +303,10 @@ def _most_similar(
         if registration.offsets is not None and estimate.orientations is not None:
             beside = estimate.positions + rotate(estimate.orientations, registration.offsets)
             placed = Trajectory(estimate.times, beside, estimate.names)
-        fit = fit_similarity(placed, truth, offset)
+        fit = fit_similarity(placed, truth, offset, arc_lengths)
         candidates.append((math.inf if fit is None else fit.left, placed, fit))
     _, placed, fit = min(candidates, key=lambda c: c[0])
     return placed, fit
-
-
-def _speed(trajectory: Trajectory) -> float:
-    """Of the markers, rms, m/s."""
-    steps, times = np.diff(trajectory.positions, axis=0), np.diff(trajectory.times)
-    return (
-        float(np.sqrt(np.median((steps**2).sum(axis=2) / np.square(times)[:, None]))) if len(times) else 0.0
-    )
 
 
 def _check(

@@ -217,7 +217,7 @@ def _not_applied(evaluation: Evaluation) -> str:
     fit = evaluation.similarity
     if fit is None:
         return 'scale and clock rate: the motion does not tell them'
-    return f'scale {fit.scale:.4f} and clock rate {1e6 * fit.clock_rate:+.0f} ppm would fit best'
+    return fit.told()
 
 
 def _left_out(evaluation: Evaluation) -> str:

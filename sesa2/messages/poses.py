@@ -1,6 +1,7 @@
 """The estimator's messages, from the bytes in which they arrive to arrays: rclpy would spend 2 ms on one Path."""
 
 import struct
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -39,6 +40,38 @@ def read_pose_array(data: bytes) -> StampedPoses:
     stamp_ns, at = _read_header(data, _HEADER, 'PoseArray')
     n, at = _read_count(data, at, 'PoseArray')
     return StampedPoses(stamp_ns, _read_poses(data, n, _align(at, 8), 8 * _POSE, 'PoseArray'))
+
+
+def read_pose_arrays(data: Sequence[bytes]) -> tuple[np.ndarray, FloatArray]:
+    """Read many geometry_msgs/PoseArray of equally many poses.
+
+    Returns
+    -------
+    stamps_ns : (n,) and poses : (n, m, 7), as of `read_pose_array`.
+
+    Raises
+    ------
+    Sesa2Error
+        the bytes of one are none.
+    ValueError
+        their numbers of poses differ.
+    """
+    first = read_pose_array(data[0])
+    size, m = len(data[0]), len(first.poses)
+    together = np.frombuffer(b''.join(data), np.uint8)
+    if m and set(map(len, data)) == {size}:
+        rows = together.reshape(len(data), size)
+        header, count = 16, _align(_read_header(data[0], _HEADER, 'PoseArray')[1], 4)
+        start = _align(count + 4, 8)
+        # Beginning, length of the frame's name and number of poses alike: then all is in the same places.
+        fixed = np.concatenate([rows[:, :2], rows[:, 12:header], rows[:, count : count + 4]], axis=1)
+        if (fixed == fixed[0]).all():
+            times = np.ascontiguousarray(rows[:, 4:12]).view('<i4, <u4')[:, 0]
+            stamps = times['f0'].astype(np.int64) * NS + times['f1']
+            numbers = np.ascontiguousarray(rows[:, start : start + 8 * _POSE * m]).view('<f8')
+            return stamps, numbers.reshape(len(data), m, _POSE)
+    read = [read_pose_array(message) for message in data]
+    return np.array([one.stamp_ns for one in read], dtype=np.int64), np.array([one.poses for one in read])
 
 
 def read_pose(data: bytes) -> StampedPoses:

@@ -28,7 +28,7 @@ def examined(motion, q, layout=None, measured=None):
 def test_a_sound_arm_is_not_suspected(arm):
     found = examined(*arm)
     assert found.misfit < 0.4
-    for kind, most in (('loose', 4.0), ('place', 4.0), ('base', 1.3)):
+    for kind, most in (('loose', 3.0), ('place', 4.0), ('base', 1.3), ('lean', 0.5)):
         assert max(s.evidence for s in found.suspects if s.kind == kind) < most
 
 
@@ -52,6 +52,27 @@ def test_an_imu_elsewhere_is_found_with_the_way_to_go(arm, imu, metres):
     best = examined(motion, q, Layout(motion.layout.arm, tuple(places))).suspects[0]
     assert (best.kind, best.imu) == ('place', imu)
     assert 0.4 < best.size / metres < 1.2
+
+
+@pytest.mark.parametrize('axis', 'xy')
+def test_mountings_that_all_lean_are_found(arm, axis):
+    """As an alignment on a leaning arm leaves them."""
+    motion, q = arm
+    lean = Rotation.from_euler(axis, 8.0, degrees=True).as_quat()
+    best = examined(motion, multiply(q, lean)).suspects[0]
+    assert (best.kind, best.imu) == ('lean', -1)
+    assert np.rad2deg(best.size) == pytest.approx(8.0, abs=1.5)
+    assert best.rest < 4.0
+
+
+def test_the_right_cause_leaves_nothing_to_the_others(arm):
+    motion, q = arm
+    places = list(motion.layout.imu_positions)
+    places[3] += 0.04
+    found = examined(motion, q, Layout(motion.layout.arm, tuple(places))).suspects
+    assert found[0].rest < 0.1 * found[0].evidence
+    wrong = next(s for s in found if s.kind == 'loose')
+    assert wrong.rest > 0.8 * found[0].evidence
 
 
 def test_a_base_that_tilts_is_found(arm):

@@ -79,3 +79,11 @@ def test_parts_are_judged_each_by_itself():
     watch.end()
     watch.end()
     assert watch.seconds[2] == pytest.approx(10.0, abs=0.3)
+
+
+def test_what_was_between_two_parts_is_not_known():
+    """The same quaternion at the end of one part and at the beginning of the next, a minute later."""
+    t, q, there = turning()
+    q = held(q, t, 2, 4.0, 6.5)
+    assert [len(spans) for spans in stuck_spans(t, q, there)] == [0, 0, 1, 0]
+    assert stuck_spans(np.where(t >= 5.2, t + 60.0, t), q, there) == [[], [], [], []]

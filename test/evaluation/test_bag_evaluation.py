@@ -60,7 +60,9 @@ def test_a_sound_bag_ends_in_no_warning(replayed, capsys):
         r'registration rigid\+offsets: rotation by \d\.\d\d° about \(.*\), translation .* mm, markers beside the axis',
         printed.out,
     )
-    assert re.search(r'not applied: scale [01]\.\d{4}, clock rate [+-]\d+ ppm would fit best', printed.out)
+    assert re.search(
+        r'not applied: scale [01]\.\d{4} ± 0\.\d{4}, clock rate [+-]\d+ ± \d+ ppm would fit best', printed.out
+    )
 
 
 def test_what_the_imus_in_a_bag_tell_is_told(replayed, tmp_path):

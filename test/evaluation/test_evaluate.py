@@ -37,7 +37,15 @@ def test_json_is_what_the_design_fixes(estimate, truth):
     got = evaluate({'pcc': estimate, 'rigid': estimate}, truth, ARC_LENGTHS, register='rigid').to_json()
     again = json.loads(json.dumps(got, allow_nan=False))
     assert again == got
-    assert list(got) == ['models', 'time_offset_s', 'scale', 'clock_rate', 'warnings', 'registration']
+    assert list(got) == [
+        'models',
+        'time_offset_s',
+        'scale',
+        'clock_rate',
+        'clock_rate_std',
+        'warnings',
+        'registration',
+    ]
     assert list(got['models']) == ['pcc', 'rigid']
     assert list(got['models']['pcc']) == ['M1', 'M2']
     assert list(got['models']['pcc']['M1']) == ['median_mm', 'q3_mm', 'rmse_mm', 'median_pct', 'q3_pct', 'n']

@@ -50,6 +50,7 @@ SETUPS = [
     (wrong.clamp_leans, 'none', r"truth's frame is tilted by [78]\.\d° .*the clamp leans"),
     (wrong.clamp_leans, 'translation', r"truth's frame is tilted by [78]\.\d°"),
     (wrong.aligned_on_a_leaning_clamp, 'none', 'the clamp leans'),
+    (wrong.aligned_on_a_leaning_clamp, 'rigid', r'All IMUs lean in their links, the same way by [789]°'),
     (wrong.truth_tilted, 'none', r"truth's frame is tilted by [45]\.\d° .*motion capture's axes are"),
     (wrong.truth_tilted, 'translation', r"truth's frame is tilted by [45]\.\d°"),
     (
@@ -127,3 +128,9 @@ def test_the_whole_trial_is_sound_and_its_clock_is_told(whole):
     assert len(warnings) == 1
     assert re.search(r"truth's clock runs 0\.\d+ % slow .*: 2\d\d ms", warnings[0])
     assert evaluation.to_json()['clock_rate'] == pytest.approx(-1e-3, abs=1e-4)
+
+
+@pytest.mark.parametrize('register', ['none', 'rigid'])
+def test_half_a_minute_and_a_bit_tells_a_clock(whole, register):
+    warnings, _ = told(wrong.clock_fast(whole.seconds(60.0, 105.0)), register)
+    assert any(re.search(r"truth's clock runs 0\.[01]\d\d % fast", w) for w in warnings), warnings

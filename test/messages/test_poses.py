@@ -5,7 +5,7 @@ import pytest
 
 from sesa2.errors import Sesa2Error
 from sesa2.messages.cdr import CdrLayout
-from sesa2.messages.poses import read_path, read_pose, read_pose_array
+from sesa2.messages.poses import read_path, read_pose, read_pose_array, read_pose_arrays
 
 STAMP_NS = 1_700_000_000_123_456_789
 
@@ -71,3 +71,36 @@ def test_a_cut_message_is_refused(size):
 def test_the_other_byte_order_is_refused():
     with pytest.raises(Sesa2Error, match='little-endian'):
         read_path(b'\x00\x00' + made(2)[2:])
+
+
+@pytest.mark.parametrize('frame', ['', 'w', 'wo', 'wor', 'world'])
+@pytest.mark.parametrize('n', [0, 1, 3])
+def test_many_are_read_as_one_by_one(frame, n):
+    layout = CdrLayout().header(frame).uint32(n).doubles(7 * n).template()
+    stamps = STAMP_NS + 3_000_000_000 * np.arange(5)
+    values = np.random.default_rng(0).normal(size=(5, 7 * n))
+    data = [row.tobytes() for row in layout.make(stamps, values)]
+    got, arrays = read_pose_arrays(data)
+    np.testing.assert_array_equal(got, stamps)
+    np.testing.assert_array_equal(arrays, [read_pose_array(one).poses for one in data])
+    assert arrays.shape == (5, n, 7)
+    # One of another frame, and so of another length.
+    other = CdrLayout().header(f'{frame}1234567').uint32(n).doubles(7 * n).template()
+    mixed = [*data, other.make(stamps[:1], values[:1])[0].tobytes()]
+    np.testing.assert_array_equal(read_pose_arrays(mixed)[1], [read_pose_array(one).poses for one in mixed])
+
+
+def test_many_of_which_one_is_cut_or_other():
+    data = []
+    for n in (2, 3):
+        layout = CdrLayout().header('w').uint32(n).doubles(7 * n).template()
+        data.append(layout.make(np.array([STAMP_NS]), np.ones((1, 7 * n)))[0].tobytes())
+    with pytest.raises(ValueError, match='inhomogeneous'):
+        read_pose_arrays(data)
+    with pytest.raises(Sesa2Error):
+        read_pose_arrays([data[0], data[0][:-9]])
+    # Of the same length, and yet not alike: it says that it has more poses than it can hold.
+    lying = bytearray(data[0])
+    lying[20:24] = (9).to_bytes(4, 'little')
+    with pytest.raises(Sesa2Error, match='9 poses'):
+        read_pose_arrays([data[0], bytes(lying)])
