@@ -132,6 +132,8 @@ def test_a_configuration_with_segments_alone_is_as_one_without():
     sweeps, _ = moving(alone)
     ours, theirs = (Estimator(c).estimate(sweeps) for c in (alone, none))
     for name, result in theirs.models.items():
+        if name == 'pcc_delta':  # its arcs are the segments
+            continue
         assert result.joints.shape[-1] == 3
         np.testing.assert_array_equal(result.joints, ours.models[name].joints)
         np.testing.assert_array_equal(result.ends, ours.models[name].ends)
