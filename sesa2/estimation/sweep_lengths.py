@@ -82,7 +82,7 @@ class SweepLengths:
         backbones : (m,)
             indices of the backbones.
         stamps_ns, arrivals_ns : (n,)
-            when they were measured, and when they arrived by the clock, ns.
+            when they were measured, and when they arrived by the clock of the IMUs' arrivals, ns.
         lengths : (n, m)
             m.
         """
@@ -100,7 +100,7 @@ class SweepLengths:
         self._observe(backbones, stamps_ns, arrivals_ns)
 
     def put(self, sweeps: Iterable[Sweep], arrival_ns: int) -> list[Sweep]:
-        """Let sweeps wait, which came at a time of the clock, ns; those that have their lengths now."""
+        """Let sweeps wait, which came at a time, ns, by a clock that may rest; those that have their lengths now."""
         out: list[Sweep] = []
         for sweep in sweeps:
             last = self._sweeps_ns

@@ -95,7 +95,8 @@ class LengthListening:
             stamps_ns = np.array([self._node.get_clock().now().nanoseconds])
         for index in said.backbones:
             self._heard_ns[index] = arrival_ns
-        self.sweeps.add(said.backbones, stamps_ns, said.lengths, np.array([arrival_ns]))
+        # By the same clock as the IMUs, with whose lateness it is compared.
+        self.sweeps.add(said.backbones, stamps_ns, said.lengths, np.array([time.monotonic_ns()]))
         self.put([], arrival_ns)
 
     def _tell_once(self, line: str) -> None:
