@@ -187,12 +187,10 @@ class EstimatorNode(ConfinedNode):
     def _take(self, index: int) -> Callable[[bytes], None]:
         add, imu = self.assembler.add, self._ids[index]
         by_arrival = self.configuration.imus.stamps == 'arrival'
-        # The arrivals of IMUs and lengths are compared: one clock for both.
-        clock = self._listening_clock if self.configuration.has_lengths else time.monotonic_ns
 
         def take(data: bytes) -> None:
             self.received[imu] += 1
-            now_ns = clock()
+            now_ns = time.monotonic_ns()
             try:
                 if by_arrival or not read_stamp(data):
                     data = with_stamp(data, self._time_of_arrival(imu, read_stamp(data)))
