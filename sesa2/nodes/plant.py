@@ -25,6 +25,7 @@ from sesa2.messages.topic_names import (
     TRUTH_TIP,
 )
 from sesa2.messages.truth_messages import TruthMessages
+from sesa2.plant.simulated_arm import Plant
 from sesa2.ros.confined_node import ConfinedNode
 from sesa2.ros.diagnostics import OK, WARN, Diagnostics, Part
 from sesa2.ros.parameters import declare_configuration
@@ -105,6 +106,10 @@ class PlantNode(ConfinedNode):
         at = (stamp_ns - self._wall.of(self._live.epoch_ns)) / NS
         positions, _ = self._live.plant.shape(self._tip, self._live.coordinates_at(at))
         return self._in_output_frame(positions)[0]
+
+    def open_loop_arm(self) -> tuple[Plant, tuple[str, ...]]:
+        """A copy of the arm as it is now, and the names of the backbones that drive it."""
+        return self._live.copied_arm(), self._live.names
 
     # Called by the executor
 

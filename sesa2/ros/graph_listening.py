@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import rclpy.node
 from diagnostic_msgs.msg import DiagnosticArray
-from geometry_msgs.msg import PoseArray
+from geometry_msgs.msg import PointStamped, PoseArray, PoseStamped
 from nav_msgs.msg import Path
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
@@ -18,11 +18,13 @@ from sesa2_msgs.msg import ImuCalibration
 from sesa2.configuration import Configuration
 from sesa2.errors import Sesa2Error
 from sesa2.messages.imu_messages import read_imu
-from sesa2.messages.poses import read_path, read_pose_array
+from sesa2.messages.poses import read_path, read_pose, read_pose_array
 from sesa2.messages.topic_names import (
     DIAGNOSTICS,
+    TARGET,
     TRUTH_MARKERS,
     TRUTH_SHAPE,
+    TRUTH_TIP,
     imu_calibration,
     imu_topics,
     of_model,
@@ -84,15 +86,19 @@ class Listener:
         self._last_heard: dict[int, float] = {}
         self._calibrations: dict[int, Subscription] = {}
         self._truth_markers = _Newest(streams, PoseArray, TRUTH_MARKERS)
-        self._truth_heard = {'markers': 0.0, 'shape': 0.0}
+        self._truth_heard = {'markers': 0.0, 'shape': 0.0, 'tip': 0.0}
         self._truth_shape = _Newest(streams, Path, TRUTH_SHAPE)
+        self._truth_tip = _Newest(streams, PoseStamped, TRUTH_TIP)
         node.create_subscription(DiagnosticArray, DIAGNOSTICS, self._take_diagnostics, 10)
+        self._targets: Subscription | None = None
 
     def listen_to(self, c: Configuration) -> None:
         """Subscribe to what a configuration publishes, and to nothing else."""
         live = self.live
         live.configuration = c
-        live.backbones, live.markers, live.latency_s = {}, {}, None
+        live.backbones, live.markers, live.latency_s, live.target = {}, {}, None, None
+        if c.has_controller and self._targets is None:
+            self._targets = self._node.create_subscription(PointStamped, TARGET, self._take_target, 10)
         kinds = {'shape': Path, 'markers': PoseArray}
         wanted = {(model, kind) for model in c.models for kind in kinds}
         for key in set(self._results) - wanted:
@@ -138,6 +144,10 @@ class Listener:
             live.truth_backbone, self._truth_heard['shape'] = got[0].poses, now
         elif now - self._truth_heard['shape'] > _NO_TRUTH_S:
             live.truth_backbone = None
+        if got := self._read(self._truth_tip, read_pose):
+            live.truth_tip, self._truth_heard['tip'] = got[0].poses[0, :3], now
+        elif now - self._truth_heard['tip'] > _NO_TRUTH_S:
+            live.truth_tip = None
 
     def _read(self, newest: _Newest, read: Callable[[bytes], Any]) -> tuple[Any, int] | None:
         taken = newest.take()
@@ -151,6 +161,13 @@ class Listener:
 
     def _take_calibration(self, imu: int, message: ImuCalibration) -> None:
         self.live.scores[imu] = Scores(message.sys, message.gyro, message.accel, message.mag)
+
+    def _take_target(self, message: PointStamped) -> None:
+        """Of others only what the controller takes: it is the one that complains."""
+        c, p = self.live.configuration, message.point
+        target = np.array([p.x, p.y, p.z])
+        if c and message.header.frame_id == c.frame('base_link') and np.isfinite(target).all():
+            self.live.target = target
 
     def _take_diagnostics(self, message: DiagnosticArray) -> None:
         now = time.monotonic()

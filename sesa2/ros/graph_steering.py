@@ -3,12 +3,17 @@
 import threading
 from typing import Any
 
+from geometry_msgs.msg import PointStamped
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.parameter_client import AsyncParameterClient
+from rclpy.publisher import Publisher
 from rclpy.task import Future
 from std_srvs.srv import Trigger
 
+from sesa2.messages.topic_names import TARGET
+from sesa2.ros.qos import STREAM
+from sesa2.shape.rotations import FloatArray
 from sesa2.viewer.steering import SteeringError
 
 _PATIENCE_S = 15.0  # a start brings up nodes and a port; reading eight chips' offsets takes 5 s
@@ -21,6 +26,8 @@ _SERVICES = {
     'align_headings': 'estimator/align_headings',
     'save_calibration': 'calibration/save',
     'read_offsets': 'serial_bridge/read_offsets',
+    'start_control': 'tip_controller/start',
+    'stop_control': 'tip_controller/stop',
 }
 
 
@@ -38,6 +45,8 @@ class GraphSteering:
             action: node.create_client(Trigger, service) for action, service in _SERVICES.items()
         }
         self._parameters = AsyncParameterClient(node, 'system')
+        self._node = node
+        self._targets: Publisher | None = None
 
     @property
     def available(self) -> bool:
@@ -74,6 +83,19 @@ class GraphSteering:
         if not response.success:
             raise SteeringError(response.message or f'{service} failed and did not say why')
         return response.message
+
+    def aim(self, target: FloatArray, frame: str) -> bool:
+        """Publish a target; for the executor's thread. False: nobody listens yet, and nothing was said."""
+        if self._targets is None:  # not before there is something to say: two that may are complained about
+            self._targets = self._node.create_publisher(PointStamped, TARGET, STREAM)
+        if not self._targets.get_subscription_count():
+            return False
+        message = PointStamped()
+        message.header.stamp = self._node.get_clock().now().to_msg()
+        message.header.frame_id = frame
+        message.point.x, message.point.y, message.point.z = target.tolist()
+        self._targets.publish(message)
+        return True
 
     def configuration(self) -> Future:
         """Ask for the configuration that the next start takes; for the executor's thread."""

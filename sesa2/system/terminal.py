@@ -6,14 +6,17 @@ from collections.abc import Mapping
 import numpy as np
 
 from sesa2.configuration import Configuration
+from sesa2.control import ControlState
 from sesa2.link.clock import steady_ns
 from sesa2.sensing.imu.addresses import CHANNELS
 from sesa2.shape.measured import Measured
 from sesa2.shape.models import create_model
 from sesa2.shape.rotations import FloatArray, conjugate, rotate
+from sesa2.system.open_loop import OpenLoop
 from sesa2.system.wiring import System
 
 _PERIOD_S = 1.0
+_DRIVES = (ControlState.RUNNING, ControlState.LIMITED)
 _LOW = 0.9  # of the highest
 
 
@@ -30,16 +33,26 @@ class Terminal:
         self._system = system
         self._due = self._last = time.monotonic()
         self._received: dict[int, int] = {}
+        self._open_loop: OpenLoop | None = None
 
     def show_when_due(self) -> None:
         """Print the line, once a second."""
         now = time.monotonic()
+        self._follow_open_loop(now)
         if now >= self._due:
             self._due = now + _PERIOD_S
             estimator = self._system.estimator
             if estimator.latest if estimator else self._scores():
                 parts = [
-                    part for part in (self._rates(now), self._tips(), self._link(), self._scores()) if part
+                    part
+                    for part in (
+                        self._rates(now),
+                        self._tips(),
+                        self._control(),
+                        self._link(),
+                        self._scores(),
+                    )
+                    if part
                 ]
                 print(' | '.join(parts))
             self._last = now
@@ -82,6 +95,42 @@ class Terminal:
             off = '' if truth is None else f' ({1e3 * np.linalg.norm(tip - truth):.1f} mm off)'
             parts.append(f'{name} tip ' + ' '.join(f'{v:+.3f}' for v in tip) + ' m' + off)
         return ' | '.join(parts)
+
+    def _control(self) -> str:
+        """What the tip controller does, and what is left between the target and each tip that is known."""
+        node, estimator = self._system.tip_controller, self._system.estimator
+        if not node:
+            return ''
+        controller = node.controller
+        text = f'tip controller {controller.state.value}' + (
+            f': {controller.reason}' if controller.reason else ''
+        )
+        if (target := controller.target) is None:
+            return f'{text}, no target'
+        tips = {}
+        if estimator and estimator.latest:
+            c = estimator.configuration
+            tips['tip'] = estimator.latest.models[c.controller.model].ends[0, -1]
+            tips['true tip'] = self._true_tip(int(estimator.latest.stamps_ns[0]), c)
+        tips['open loop'] = self._open_loop.tip if self._open_loop else None
+        left = [
+            f'{k} {1e3 * np.linalg.norm(p - target):.1f} mm off' for k, p in tips.items() if p is not None
+        ]
+        return ', '.join([text, 'target ' + ' '.join(f'{v:+.3f}' for v in target) + ' m', *left])
+
+    def _follow_open_loop(self, now: float) -> None:
+        """Beside a simulated arm another goes that nobody feels, from where the first was when it was set to run."""
+        node, plant = self._system.tip_controller, self._system.plant
+        reached = node.controller.reached if node else None
+        if not (node and plant and reached and node.controller.state in _DRIVES):
+            self._open_loop = None
+            return
+        if self._open_loop is None:
+            controller = node.controller
+            arm, racks = plant.open_loop_arm()
+            order = [controller.options.names.index(name) for name in racks]
+            self._open_loop = OpenLoop(arm, controller.reach, order, controller.options.length_rate, now)
+        self._open_loop.advance(now, reached.coordinates)
 
     def _true_tip(self, stamp_ns: int, c: Configuration) -> FloatArray | None:
         """Where the tip was that the plant or the virtual board plays, in the output frame; (3,), m."""

@@ -266,6 +266,11 @@ class System:
         return self._running(PlantNode)
 
     @property
+    def tip_controller(self) -> TipControllerNode | None:
+        """The tip controller, where one runs."""
+        return self._running(TipControllerNode)
+
+    @property
     def calibration(self) -> CalibrationNode | None:
         """The calibration node, where one runs."""
         return self._running(CalibrationNode)

@@ -45,6 +45,10 @@ class Live:
         q_WS of each IMU by its id, (4,), as long as it measures.
     truth_backbone, truth_markers
         (n, 7), where there is a truth.
+    truth_tip : (3,)
+        where the tip truly is, m, where there is a truth.
+    target : (3,)
+        where somebody wants the tip, in base_link, m; each that is heard is an array of its own.
     scores
         calibration of each IMU by its id.
     latency_s
@@ -59,6 +63,8 @@ class Live:
     sensors: dict[int, FloatArray] = field(default_factory=dict)
     truth_backbone: FloatArray | None = None
     truth_markers: FloatArray | None = None
+    truth_tip: FloatArray | None = None
+    target: FloatArray | None = None
     scores: dict[int, Scores] = field(default_factory=dict)
     latency_s: float | None = None
     diagnostics: dict[str, Diagnostic] = field(default_factory=dict)

@@ -22,6 +22,7 @@ from sesa2.viewer.live import Live
 from sesa2.viewer.readings import calibration_html, complaints_html, rates_html, state_html
 from sesa2.viewer.scene import Scene
 from sesa2.viewer.steering import Steering
+from sesa2.viewer.tip_panel import TipPanel
 from sesa2.viewer.tip_plot import TipPlot
 
 _READINGS_PERIOD_S = 0.5
@@ -55,6 +56,7 @@ class Page:
         self._gui.main_panel.dock_right()
         self.scene = Scene(server)
         self._add_controls()
+        self._tip_panel = TipPanel(server, live, steering, self._do)
         tabs = self._gui.add_tab_group()
         with tabs.add_tab('View'):
             self._view = self._gui.add_folder('Models')
@@ -78,6 +80,7 @@ class Page:
     def configure(self, c: Configuration) -> None:
         """Show another arm from now on."""
         self.scene.configure(c)
+        self._tip_panel.configure(c)
         for box in self._boxes:
             box.remove()
         self._boxes = []
@@ -109,12 +112,14 @@ class Page:
 
     def draw(self) -> None:
         """Draw what is known now; to be called for every frame."""
+        self._tip_panel.send()
         tip = self._live.backbones.get(self._tip_of.value)
         if tip is not None and len(tip):
             self._plot.add(tip[-1, :3])
         if not self._server.get_clients():
             return
         self.scene.draw(self._live)
+        self._tip_panel.draw()
         now = time.monotonic()
         if now >= self._plot_due:
             self._plot_due = now + _PLOT_PERIOD_S
@@ -201,9 +206,10 @@ class Page:
             else:
                 self._do(lambda: self._save(path.value, overwrite.value))
 
-    def _do(self, action: Callable[[], str]) -> None:
-        """Do what a button says and tell how it went; one thing at a time."""
-        if not self._busy.acquire(blocking=False):
+    def _do(self, action: Callable[[], str], at_once: bool = False) -> None:
+        """Do what a button says and tell how it went; one thing at a time, but for what must not wait."""
+        free = self._busy.acquire(blocking=False)
+        if not (free or at_once):
             self._tell('still busy with what was asked before', bad=True)
             return
         try:
@@ -214,7 +220,8 @@ class Page:
         except Exception as error:
             self._tell(fault_line(error), bad=True)
         finally:
-            self._busy.release()
+            if free:
+                self._busy.release()
 
     def _checked(self) -> Configuration:
         c = self._form.check()

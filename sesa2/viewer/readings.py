@@ -3,8 +3,11 @@
 from collections.abc import Sequence
 from html import escape
 
+import numpy as np
+
 from sesa2.sensing.imu.accelerometer_calibration import SIDES
 from sesa2.sensing.imu.bno055.scores import Scores
+from sesa2.shape.rotations import FloatArray
 from sesa2.viewer.live import Live
 
 _GREEN, _AMBER, _RED, _GREY = '#2b8a3e', '#e67700', '#c92a2a', '#868e96'
@@ -43,7 +46,7 @@ def state_html(live: Live, steerable: bool) -> str:
 
 def complaints_html(live: Live) -> str:
     """What the nodes complain about; what several parts of a node say alike is said once."""
-    nodes = ('system', 'estimator', 'serial_bridge', 'calibration', 'recorder', 'player')
+    nodes = ('system', 'estimator', 'serial_bridge', 'calibration', 'recorder', 'player', 'plant')
     found: dict[tuple[int, str, str], list[str]] = {}
     said = (
         (node, part, d)
@@ -69,6 +72,37 @@ def complaints_html(live: Live) -> str:
 
 def _parts(parts: list[str]) -> str:
     return parts[0] if len(parts) == 1 else f'{len(parts)} parts, {parts[0]} to {parts[-1]}'
+
+
+def tip_control_html(live: Live, target: FloatArray | None) -> str:
+    """What the tip controller does, and how far the tip and the true one are from the target, (3,), m."""
+    said = live.heard('tip_controller').get('tip')
+    if said is None:
+        return _block(f'<b style="color:{_GREY}">● no tip controller is heard</b>')
+    colour = _LEVELS.get(said.level, _GREEN if said.values.get('state') == 'RUNNING' else _GREY)
+    lines = [f'<b style="color:{colour}">● {escape(said.message)}</b>']
+    if 'left_mm' not in said.values:  # whatever was said before it was there
+        lines.append('it has no target yet: drag the ball')
+    if target is not None:
+        lines.append(f'target {" ".join(f"{v:+.3f}" for v in target)} m')
+        if target[2] <= 0.0:
+            lines.append('not above the clamp: not sent, the target before stays')
+        lines.append(' · '.join(_distances(live, target)) or '&nbsp;')
+    return _block('<br>'.join(lines))
+
+
+def _distances(live: Live, target: FloatArray) -> list[str]:
+    c = live.configuration
+    backbone = live.backbones.get(c.controller.model) if c and live.heard('estimator') else None
+    tips = {
+        'tip': None if backbone is None or not len(backbone) else backbone[-1, :3],
+        'true tip': live.truth_tip,
+    }
+    return [
+        f'{name} {1e3 * np.linalg.norm(tip - target):.1f} mm off'
+        for name, tip in tips.items()
+        if tip is not None
+    ]
 
 
 def rates_html(live: Live) -> str:

@@ -153,9 +153,10 @@ class Scene:
     def _look_at(self, c: Configuration) -> None:
         """The whole arm in view however it bends: it stays within its length of the clamp."""
         along = rotate(c.base, [0.0, 0.0, 1.0])
-        target = 0.5 * c.arm.length * along
+        length = c.arm.length * (c.segments.stretch[1] if c.has_lengths else 1.0)
+        target = 0.5 * length * along
         aside = np.array([1.0, -1.0, 0.0]) if abs(along[2]) > 0.7 else np.array([-along[1], along[0], 0.0])
-        position = target + c.arm.length * (1.3 * aside / np.linalg.norm(aside) + [0.0, 0.0, 0.35])
+        position = target + length * (1.3 * aside / np.linalg.norm(aside) + [0.0, 0.0, 0.35])
         cameras: list[Any] = [
             self._server.initial_camera,
             *(k.camera for k in self._server.get_clients().values()),
@@ -198,7 +199,7 @@ class Scene:
         shown = [live.markers[name] for name in c.models if self.shown[name] and name in live.markers]
         markers = np.concatenate([np.empty((0, 7)), *shown])
         self._markers = self._draw_balls(
-            self._markers, '/arm/markers', markers[:, :3], 1.45 * c.arm.radius, _MARKER, None
+            self._markers, '/arm/markers', markers[:, :3], _about(c, 0.45), _MARKER, None
         )
         named = shown[0] if shown else markers
         if len(named) != len(c.markers.names):
@@ -262,7 +263,7 @@ class Scene:
     def _draw_truth(self, c: Configuration, live: Live) -> None:
         positions = np.empty((0, 3)) if live.truth_markers is None else live.truth_markers[:, :3]
         self._truth_markers = self._draw_balls(
-            self._truth_markers, '/arm/truth_markers', positions, 1.7 * c.arm.radius, _GHOST, 0.35
+            self._truth_markers, '/arm/truth_markers', positions, _about(c, 0.7), _GHOST, 0.35
         )
         backbone = live.truth_backbone
         if backbone is None or len(backbone) < 2:
@@ -285,6 +286,11 @@ class Scene:
 
 
 _MISSING = np.full(4, np.nan)
+
+
+def _about(c: Configuration, more: float) -> float:
+    """Radius of a ball about the arm, by more of the arm's; those about a thick arm would hide it all."""
+    return c.arm.radius + min(more * c.arm.radius, 0.1 * more * c.arm.length)
 
 
 def _wxyz(q: FloatArray) -> FloatArray:

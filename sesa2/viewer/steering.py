@@ -3,6 +3,7 @@
 from typing import Protocol
 
 from sesa2.errors import Sesa2Error
+from sesa2.shape.rotations import FloatArray
 
 
 class SteeringError(Sesa2Error):
@@ -31,5 +32,20 @@ class Steering(Protocol):
     def act(self, action: str) -> str:
         """One of ACTIONS."""
 
+    def aim(self, target: FloatArray, frame: str) -> bool:
+        """Say where the tip should go, (3,), m, in a frame of the graph; whether somebody listens.
 
-ACTIONS = ('stop', 'stop_record', 'align', 'align_headings', 'save_calibration', 'read_offsets')
+        This one never waits and fails at nothing.
+        """
+
+
+ACTIONS = (
+    'stop',
+    'stop_record',
+    'align',
+    'align_headings',
+    'save_calibration',
+    'read_offsets',
+    'start_control',
+    'stop_control',
+)

@@ -12,6 +12,7 @@ from geometry_msgs.msg import PoseStamped
 from made_bags import stamps_of, write_bag
 from processes import REPOSITORY, Program, command
 from sensor_msgs.msg import JointState
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 import sesa2
 from sesa2.ros.qos import ANY_BURSTS, STREAM
@@ -116,6 +117,46 @@ def test_lengths_of_motors_that_nobody_has_are_heard_too(graph, tmp_path):
     lengths = np.array([m.position for m in heard])
     assert (np.abs(lengths - 0.12) < 0.08).all()
     assert 0.0 < np.abs(np.diff(lengths, axis=0)).max() < 1e-3
+
+
+def test_motors_go_where_they_are_commanded_and_say_where_they_are(graph, tmp_path):
+    per_count = math.pi * 0.012 / 2048
+    with Program([EXAMPLES / 'motor_driver.py', 'b1', 'b2', 'b3'], tmp_path) as driver:
+        heard = graph.listen(JointState, 'backbone_lengths', ANY_BURSTS)
+        commands = graph.probe.create_publisher(JointTrajectory, 'command', STREAM)
+        graph.matched('command')
+        graph.until(lambda: heard, 'lengths')
+        assert heard[0].name == ['b1', 'b2', 'b3']
+        np.testing.assert_allclose(heard[0].position, 0.12)
+
+        def command_them(names, *lengths, points=1):
+            point = JointTrajectoryPoint(positions=lengths)
+            commands.publish(JointTrajectory(joint_names=names, points=[point] * points))
+
+        command_them(['b3', 'b1', 'b2'], 0.16, 0.10, 0.15)  # by name
+        wanted = np.array([0.10, 0.15, 0.16])
+        graph.until(
+            lambda: np.abs(heard[-1].position - wanted).max() <= 0.5 * per_count + 1e-12, 'the motors'
+        )
+        counts = (np.array([m.position for m in heard]) - 0.12) / per_count
+        np.testing.assert_allclose(counts, np.round(counts), atol=1e-6)
+        # On the way, not at once; those that fell out between two that were heard are as many steps.
+        assert len({tuple(m.position) for m in heard}) > 10
+        for names, lengths, points in (
+            (['b1', 'b2'], (0.12, 0.12), 1),
+            (['b1', 'b2', 'x'], (0.12, 0.12, 0.12), 1),
+            (['b1', 'b2', 'b3'], (0.12, math.nan, 0.12), 1),
+            (['b1', 'b2', 'b3'], (0.12, 0.12, 0.4), 1),
+            (['b1', 'b2', 'b3'], (0.12, 0.12, 0.12), 2),
+        ):
+            command_them(names, *lengths, points=points)
+        driver.until(lambda: 'commands refused' in driver.errors, 'what it says of wrong commands')
+        n = len(heard)
+        graph.until(lambda: len(heard) > n + 20, 'more lengths')
+        np.testing.assert_allclose(heard[-1].position, wanted, atol=0.5 * per_count + 1e-12)
+        driver.signal(signal.SIGINT)
+        assert driver.ended() == 0
+        assert 'Traceback' not in driver.errors
 
 
 def test_replay_and_evaluate_from_python(tmp_path):

@@ -7,6 +7,8 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import yaml
+from processes import REPOSITORY
 from scipy.spatial.transform import Rotation
 from virtual_arms import halted
 
@@ -47,7 +49,9 @@ def system(boards, request):
         assembler=SimpleNamespace(dropped={'norm is not 1': 3}),
         unstamped=Counter({2: 4}),
     )
-    return SimpleNamespace(estimator=estimator, boards=[board], plant=None, bridge=None, calibration=None)
+    return SimpleNamespace(
+        estimator=estimator, boards=[board], plant=None, bridge=None, calibration=None, tip_controller=None
+    )
 
 
 SETTINGS = [('base', 0), ('world', 0), ('base', 8), ('world', 8)]
@@ -99,3 +103,55 @@ def test_the_summary_counts_what_was_dropped(system, capsys):
         'done; 10 sweeps estimated; 3 samples dropped: norm is not 1; '
         '4 samples without a stamp, the time of their arrival stood in\n'
     )
+
+
+TARGET = np.array([0.05, 0.03, 0.15])
+EXACT = {'slip': 0.0, 'affine': 0.0, 'affine_spread': 0.0, 'hollow': 0.0, 'sag': 0.0, 'imu_errors': 0.0}
+
+
+def racked(**plant):
+    """An arm on racks, its controller with a target, and nobody who estimates."""
+    given = yaml.safe_load((REPOSITORY / 'config/tri_backbone.yaml').read_text())['/**']['ros__parameters']
+    c = validate(given | {'plant': given['plant'] | plant})
+    controller = c.create_controller()
+    arm = c.create_plant()
+    names = tuple(c.lengths.names)
+    return SimpleNamespace(
+        estimator=None,
+        boards=[],
+        plant=SimpleNamespace(open_loop_arm=lambda: (arm, names)),
+        bridge=SimpleNamespace(imus=dict, links=[]),
+        calibration=None,
+        tip_controller=SimpleNamespace(controller=controller),
+    )
+
+
+@pytest.mark.parametrize(('plant', 'low', 'high'), [(EXACT, 0.0, 0.5), ({'slip': 0.85}, 10.0, 100.0)])
+def test_what_open_loop_would_leave(plant, low, high, monkeypatch):
+    now = 100.0
+    clock = SimpleNamespace(monotonic=lambda: now, time_ns=time.time_ns, monotonic_ns=time.monotonic_ns)
+    monkeypatch.setattr('sesa2.system.terminal.time', clock)
+    system = racked(**plant)
+    arm, _ = system.plant.open_loop_arm()
+    controller = system.tip_controller.controller
+    terminal = Terminal(system)
+    assert terminal._control() == 'tip controller stopped, no target'
+    controller.hear_target(TARGET)
+    terminal.show_when_due()
+    assert terminal._control() == 'tip controller stopped, target +0.050 +0.030 +0.150 m'
+    controller.start()
+    first = []
+    for _ in range(1000):
+        terminal.show_when_due()
+        now += 0.0101
+        first.append(arm.encoders)
+    # No faster than the controller drives them.
+    assert np.abs(np.diff(first, axis=0)).max() < 2.0 * 0.06 * 0.0101 + 1e-4
+    said = terminal._control()
+    assert said.startswith('tip controller running, target')
+    off = float(re.search(r'open loop (\S+) mm off', said)[1])
+    assert low <= off <= high
+    assert off == pytest.approx(1e3 * np.linalg.norm(arm.tip - TARGET), abs=0.06)
+    controller.stop()
+    terminal.show_when_due()
+    assert 'open loop' not in terminal._control()

@@ -1,5 +1,6 @@
 """The simulated arm by the clock: whoever asks takes it to that time, from whichever thread."""
 
+import copy
 import threading
 
 import numpy as np
@@ -8,6 +9,7 @@ from numpy.typing import ArrayLike
 from sesa2.configuration import Configuration
 from sesa2.link.clock import steady_ns
 from sesa2.plant.own_motion import OwnMotion
+from sesa2.plant.simulated_arm import Plant
 from sesa2.shape.rotations import FloatArray
 from sesa2.time import NS
 
@@ -79,6 +81,12 @@ class LivePlant:
         """Push the arm: bend_x and bend_y, rad; 0 lets it go."""
         with self._lock:
             self.plant.push = np.array(bend, dtype=float)
+
+    def copied_arm(self) -> Plant:
+        """The arm as it is now, with the same future, to be moved by somebody else."""
+        with self._lock:
+            self._take_to(self.now())
+            return copy.deepcopy(self.plant)
 
     def motion(self, t: ArrayLike) -> FloatArray:
         """What the IMUs measure at times t, s: q_WL, t.shape + (n_imu, 4), x y z w; what is still to come as now."""
