@@ -101,14 +101,16 @@ class Case:
         self.changes = changes
         self.affine = changes.get('kinematics') == 'affine'
         self.arm = PaperArm(**changes)
+        self.unanswered = 0  # frames in which no minimum was found
         self.q = flower() if self.affine else lemniscate(len(self.arm.lengths))
 
     def errors_of(self, predictor, u):
         """Eq. 13 of each coordinate, %."""
         found = CoordinateFit(predictor).fit(u).coordinates
-        if self.affine:
-            return errors(as_in_the_paper(found), as_in_the_paper(self.q))
-        return errors(found, self.q)
+        answered = np.isfinite(found).all(axis=1)
+        self.unanswered += int((~answered).sum())
+        found, q = found[answered], self.q[answered]
+        return errors(as_in_the_paper(found), as_in_the_paper(q)) if self.affine else errors(found, q)
 
     def exact(self):
         """With the magnet of their simulation, without noise: e_u, T, and errors."""
@@ -140,6 +142,10 @@ class Case:
     def _captured(self, real, before, rng):
         """As 100 poses of motion capture tell."""
         poses = self.arm.limits.draw(100, rng)
+        if self.affine:  # the simulated arm bends in a plane
+            first = np.linalg.norm(poses[:, :2], axis=1, keepdims=True)
+            size = np.linalg.norm(poses[:, 2:4], axis=1, keepdims=True) * rng.choice([-1.0, 1.0], (100, 1))
+            poses[:, 2:4] = size * poses[:, :2] / first
         lengths = np.array(['length' in name for name in self.arm.limits.kinematics.coordinate_names])
         error = np.where(lengths, CAPTURE[1], CAPTURE[0])
         seen = poses + error * rng.normal(size=poses.shape)
@@ -173,11 +179,15 @@ def lines_of(name, e_u, theirs, changes):
         ('built, all known', '', cells(builds[:, 3])),
     ]
     n = 4 if case.affine else 9
+    if case.unanswered:
+        name += (
+            f' ({case.unanswered} of {len(case.q) * (1 + 5 * len(SEEDS))} frames without an answer left out)'
+        )
     print(f'{name}: exact {exact.max():.4f} %, noisy {np.mean(noisy, axis=0).max():.2f} %', flush=True)
     return [
         f'| {name if k == 0 else ""} | {what} | {u} | {" | ".join([*own, *[""] * (n - len(own))])} |'
         for k, (what, u, own) in enumerate(who)
-    ], builds
+    ]
 
 
 def cells(values):
@@ -216,12 +226,12 @@ def main():
     begin = time.monotonic()
     rows = []
     for name, (e_u, theirs, changes) in TABLE.items():
-        rows += lines_of(name, e_u, theirs, changes)[0]
-    affine = lines_of('affine', *AFFINE)[0]
+        rows += lines_of(name, e_u, theirs, changes)
+    affine = lines_of('affine', *AFFINE)
     before, after = failing()
     head = ['| simulation | who | e_u [µT] |', '| --- | --- | --- |']
     coordinates = [f'{of}{k}' for k in (1, 2, 3) for of in ('Δx', 'Δy', 'δL')]
-    table = [head[0] + ' '.join(f' {c} |' for c in coordinates), head[1] + ' --- |' * 9, *rows]
+    table = [head[0] + ''.join(f' {c} |' for c in coordinates), head[1] + ' --- |' * 9, *rows]
     section = [head[0] + ' κ0 | κ1 | φ | δL |', head[1] + ' --- |' * 4, *affine]
     straight = [
         f'| {name} | {" | ".join(f"{e:.2f}" for e in own)} |'

@@ -130,7 +130,8 @@ def test_poses_by_hand(tmp_path, capsys):
     rng, described = np.random.default_rng(4), predictor_of('magnetic_1')
     real = built(described, rng)
     poses, shapes, times = poses_of(tmp_path, 'magnetic_1', 20, 1)
-    source = write_csv(tmp_path / 'log.csv', times, readings(real, shapes, rng), [1, 2, 3], ' [mT]', 1e3)
+    u = readings(real, shapes, rng)
+    source = write_csv(tmp_path / 'log.csv', 77.7 + times, u, [1, 2, 3], ' [mT]', 1e3)
     out = tmp_path / 'out.yaml'
     arguments = ['magnets', str(source), '--config', 'magnetic_1', '--out', str(out), '--poses', str(poses)]
     assert main([*arguments, '--bend-error', '0', '--length-error', '0']) == 0

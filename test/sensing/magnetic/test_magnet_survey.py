@@ -49,8 +49,9 @@ def _field(order, r, a):
         ({'segments': 1}, [(0.0, 0.055)]),
         ({}, [(0.0, 0.055)]),
         ({'segments': 1, 'kinematics': 'affine', 'bend_max': 2.6}, []),
-        # Too weak to be heard: 0.7 mT / 500 is twice the noise.
-        ({'segments': 1, 'magnet': RingMagnet(0.006, 0.012, 0.006, 1.45 / 500)}, [(0.0, 0.11)]),
+        # 0.35 mT in its plane, over 40 is heard above ten times the noise, over 60 is not.
+        ({'segments': 1, 'magnet': RingMagnet(0.006, 0.012, 0.006, 1.45 / 40)}, [(0.0, 0.055)]),
+        ({'segments': 1, 'magnet': RingMagnet(0.006, 0.012, 0.006, 1.45 / 60)}, [(0.0, 0.11)]),
     ],
 )
 def test_stretches_without_magnet_and_sensor_on_either_side(layout, unseen):
