@@ -251,6 +251,14 @@ class Configuration:
         )
         return replace(bare, readings=magnetic_readings(self.magnets, self.magnetometers, bare.segment_ends))
 
+    def models_of(self, kind: str) -> tuple[str, ...]:
+        """Those of its models that magnetometers feed (`fields`), or those that IMUs do (`orientations`)."""
+        return tuple(name for name in self.models if kind in MODELS[name].needs)
+
+    def stretches(self, model: str) -> bool:
+        """Whether the shapes of a model have segments of changing length, measured or found."""
+        return self.has_lengths or MODELS[model].finds_lengths
+
     @property
     def has_lengths(self) -> bool:
         """Whether the present lengths of the segments are measured."""

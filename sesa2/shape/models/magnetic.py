@@ -106,6 +106,7 @@ class Magnetic(CurveModel[None]):
 
     name = 'magnetic'
     needs: tuple[str, ...] = ('fields',)
+    finds_lengths = True
     Options = MagneticOptions
 
     def __init__(self, layout: Layout, options: MagneticOptions):
@@ -120,6 +121,7 @@ class Magnetic(CurveModel[None]):
         apart = np.abs(inner[:, None] - ends).min(axis=-1, initial=np.inf) > 1e-6
         self._set_link_ends(np.sort(np.append(ends, inner[apart])))  # each link stretches with one segment
         self.kinematics = create_kinematics(options.kinematics, layout.segment_lengths)
+        self.coordinate_names = self.kinematics.coordinate_names
         limits = CoordinateLimits(self.kinematics, layout.bend_max, layout.stretch_limits)
         self.predictor = layout.readings(limits)
         names = self.kinematics.segment_coordinates
