@@ -48,12 +48,14 @@ class Sample(NamedTuple):
 class BesideMessage(NamedTuple):
     """What was measured beside an IMU, in CDR, and when it was recorded, ns.
 
-    A sensor_msgs/MagneticField of the IMU of an id; or lengths, sensor_msgs/JointState: then the id is None.
+    A sensor_msgs/MagneticField of the IMU of an id, or of the magnetometer of an id; or lengths,
+    sensor_msgs/JointState: then both are None.
     """
 
     id: int | None
     log_ns: int
     data: bytes
+    magnetometer: int | None = None
 
 
 class ImuBlock(NamedTuple):
@@ -265,6 +267,7 @@ class ImuRecording:
         """What is there too much and too little, for people; complete after reading."""
         return [
             *self.stamps.problems,
+            *(self.magnetometers.warnings if self.magnetometers else []),
             *(f'IMU {id_}: {self.counts[id_]} messages not used: not in imus.ids' for id_ in self.unknown),
             *(f'IMU {id_}: no message' for id_ in self.absent),
             *(f'IMU {id_}: {n} messages not used: damaged' for id_, n in self.unreadable.items()),
@@ -328,14 +331,26 @@ class ImuRecording:
 
     def beside(self) -> Iterator[BesideMessage]:
         """Magnetic fields and lengths, in the recording's order, each with a stamp."""
-        topics = [*self._fields, *filter(None, [self.lengths_topic])]
+        of_magnets = self.magnetometers.ids if self.magnetometers else {}
+        topics = [*self._fields, *filter(None, [self.lengths_topic]), *of_magnets]
         for message in self._recording.messages(topics) if topics else ():
             id_, data = self._fields.get(message.topic), message.data
-            if id_ is not None:
+            magnetometer = of_magnets.get(message.topic)
+            if id_ is not None or magnetometer is not None:
                 data = self.stamps.of_field(data, message.log_ns)
             elif len(data) >= _STAMPED and not read_stamp(data):
                 data = with_stamp(data, message.log_ns)
-            yield BesideMessage(id_, message.log_ns, data)
+            yield BesideMessage(id_, message.log_ns, data, magnetometer)
+
+    def field_samples(self) -> Iterator[Sample]:
+        """What magnetometers in the arm said, one by one, as `samples`, of no orientation."""
+        of_magnets = self.magnetometers.ids if self.magnetometers else {}
+        for message in self._recording.messages(of_magnets) if of_magnets else ():
+            data = self.stamps.of_field(message.data, message.log_ns)
+            stamp_ns = read_stamp(data) if len(data) >= _STAMPED else message.log_ns
+            nan = float('nan')
+            id_ = of_magnets[message.topic]
+            yield Sample(id_, stamp_ns, nan, nan, nan, nan, data, message.log_ns)
 
     @property
     def field_ids(self) -> list[int]:

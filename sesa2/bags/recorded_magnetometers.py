@@ -152,7 +152,6 @@ class RecordedFields:
         """What was not as it should be, for people; complete after reading."""
         ids = list(self._indices)
         return [
-            *self._topics.warnings,
             *(
                 f'magnetometer {i}: {n} messages not used: damaged'
                 for i, n in sorted(self._intake.unreadable.items())

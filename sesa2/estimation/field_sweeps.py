@@ -67,8 +67,8 @@ class FieldSweepAssembler(SweepAssembler):
         x, y, z = field
         return self.add(index, stamp_ns, x, y, z, 0.0, arrival_ns)
 
-    def _complete(self) -> list[Sweep]:
-        sweeps = super()._complete()
+    def _complete(self, *, whatever_the_clock: bool) -> list[Sweep]:
+        sweeps = super()._complete(whatever_the_clock=whatever_the_clock)
         if self._wants_base and self.base is None:
             self.dropped[NO_BASE] += sum(int(np.count_nonzero(sweep.measured)) for sweep in sweeps)
             return []

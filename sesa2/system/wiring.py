@@ -244,9 +244,10 @@ class System:
 
     @property
     def unheard(self) -> str:
-        """Why nothing was estimated from what others publish: no IMU was ever heard; empty where one was."""
+        """Why nothing was estimated from what others publish: no sensor was ever heard; empty where one was."""
         estimator = self.estimator
-        if not estimator or estimator.received or estimator.configuration.run.source != 'external':
+        heard = estimator and (estimator.received or (estimator.fields and estimator.fields.received))
+        if not estimator or heard or estimator.configuration.run.source != 'external':
             return ''
         return estimator.unheard
 

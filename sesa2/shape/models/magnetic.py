@@ -171,6 +171,8 @@ class Magnetic(CurveModel[None]):
         steps = [self._filter.step(float(time), row, q) for time, row, q in rows]
         of = [np.array(each) for each in zip(*steps, strict=True)]
         coordinates, covariance, faults, information, doubtful = (a.reshape(*batch, *a.shape[1:]) for a in of)
+        nothing = (faults != ReadingFault.NONE).all(axis=-1)  # then it is but what was before, going on
+        coordinates[nothing], covariance[nothing] = np.nan, np.nan
         return MagneticBackbone(self, base, coordinates, covariance, faults, information, doubtful)
 
     def _precompute(self, s: FloatArray) -> None:
