@@ -7,7 +7,12 @@ from typing import Any, get_type_hints
 
 import numpy as np
 
-from sesa2.configuration.magnetic_sections import MagnetometerSection, MagnetSection, magnetic_readings
+from sesa2.configuration.magnetic_sections import (
+    FieldSourceSection,
+    MagnetometerSection,
+    MagnetSection,
+    magnetic_readings,
+)
 from sesa2.control.controller_options import ControllerOptions
 from sesa2.control.tip_controller import TipController
 from sesa2.plant.plant_options import PlantOptions
@@ -218,6 +223,7 @@ class Configuration:
     imus: Imus = field(default_factory=Imus)
     magnets: MagnetSection = field(default_factory=MagnetSection)
     magnetometers: MagnetometerSection = field(default_factory=MagnetometerSection)
+    field_source: FieldSourceSection = field(default_factory=FieldSourceSection)
     markers: Markers = field(default_factory=Markers)
     models: tuple[str, ...] = parameter(('rigid', 'pcc'), 'shape models to run', choices=MODELS)
     links: int = parameter(64, 'links that stand for a curve on the ROS graph', low=1, high=1000)
@@ -371,6 +377,11 @@ class Configuration:
             stretch=self.segments.stretch,
             imu_positions=places | ({self.imus.base_id: 0.0} if self.imus.base_id else {}),
         )
+
+    @property
+    def has_field_source(self) -> bool:
+        """Whether an arm with magnets is simulated."""
+        return self.run.source == 'sim' and bool(self.models_of('fields')) and not self.imus.all_ids
 
     @property
     def has_plant(self) -> bool:

@@ -90,7 +90,7 @@ class Recorder(ConfinedNode):
             self._subscribe(MagneticField, FIELD_TYPE, magnetometer_field(i), qos)
         if c.record.imu and c.has_lengths:
             self._subscribe(JointState, LENGTHS_TYPE, BACKBONE_LENGTHS, qos)
-        if c.has_plant:
+        if c.has_plant or c.has_field_source:
             for topic, type_name in TRUTH_TYPES.items():
                 kind = _RESULTS.get(topic.rpartition('/')[2], JointState)
                 self._subscribe(kind, type_name, topic, STREAM)

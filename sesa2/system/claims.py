@@ -155,6 +155,8 @@ def claimed_topics(c: Configuration) -> list[str]:
     if c.run.source != 'external':
         topics += imu_topics(c).values()
         topics += map(magnetometer_field, c.magnetometers.ids)
+    if c.has_field_source:
+        topics += TRUTH_TYPES
     if c.has_plant:
         topics += [BACKBONE_LENGTHS, *TRUTH_TYPES]
     if c.run.source == 'bag' and c.has_lengths:

@@ -141,6 +141,8 @@ class Terminal:
         """Where the tip was that the plant or the virtual board plays, in the output frame; (3,), m."""
         if self._system.plant:
             return self._system.plant.tip_at(stamp_ns)
+        if self._system.field_source:
+            return self._system.field_source.tip_at(stamp_ns)
         board = next(iter(self._system.boards), None)
         if board is None or c.run.trial:  # the arm of a trial is no arcs: its truth is in the trial
             return None

@@ -16,6 +16,7 @@ from sesa2.faults import fault_line
 from sesa2.link.virtual.virtual_board import VirtualBoard
 from sesa2.nodes.calibration import CalibrationNode
 from sesa2.nodes.estimator import EstimatorNode
+from sesa2.nodes.field_source import FieldSource
 from sesa2.nodes.plant import PlantNode
 from sesa2.nodes.player import Player
 from sesa2.nodes.recorder import Recorder
@@ -137,7 +138,7 @@ class System:
                 'namespace': self.namespace,
                 'use_global_arguments': False,
             }
-            if configuration.run.source == 'sim':
+            if configuration.run.source == 'sim' and configuration.imus.all_ids:
                 boards = self._simulate(configuration)
                 serial = configuration.serial.on([board.path for board in boards])
                 served = replace(configuration, serial=serial)
@@ -156,6 +157,8 @@ class System:
 
     def _simulate(self, configuration: Configuration) -> list[VirtualBoard]:
         """Virtual boards, on an arm that racks drive where the configuration has one."""
+        if configuration.models_of('fields'):
+            raise Sesa2Error('run.source: sim plays an arm with IMUs or one with magnets, got one with both')
         if not configuration.has_plant:
             self.boards = make_virtual_boards(configuration)
             return self.boards
@@ -262,6 +265,11 @@ class System:
         return self._running(SerialBridge)
 
     @property
+    def field_source(self) -> FieldSource | None:
+        """The simulated arm with magnets, where one runs."""
+        return self._running(FieldSource)
+
+    @property
     def plant(self) -> PlantNode | None:
         """The simulated arm that racks drive, where one runs."""
         return self._running(PlantNode)
@@ -300,7 +308,9 @@ def _wanted(c: Configuration) -> list[Callable[..., ConfinedNode]]:
         wanted.append(EstimatorNode)
     if c.run.source == 'bag':
         wanted.append(Player)
-    if c.run.source in ('sim', 'serial'):
+    if c.has_field_source:
+        wanted.append(FieldSource)
+    if c.run.source in ('sim', 'serial') and c.imus.all_ids:
         if c.calibration.file:
             wanted.append(CalibrationNode)
         wanted.append(SerialBridge)

@@ -8,6 +8,7 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import PoseStamped
 from magnetic_bag import CONFIG, configuration, field_message, motion, of_z, readings, stamp_of, write_fields
+from nav_msgs.msg import Path
 from rosbags.highlevel import AnyReader
 from sensor_msgs.msg import JointState, MagneticField
 
@@ -15,6 +16,7 @@ from sesa2.bags.estimate_arrays import read_estimate
 from sesa2.bags.replay import replay
 from sesa2.configuration import files
 from sesa2.nodes.estimator import EstimatorNode
+from sesa2.nodes.field_source import FieldSource
 from sesa2.nodes.player import Player
 from sesa2.nodes.recorder import Recorder
 from sesa2.ros.parameters import overrides
@@ -194,3 +196,35 @@ def test_a_magnetometer_without_stamps(graph, make, values):
     graph.until(lambda: tips, 'a tip')
     assert sum('have no stamp (0)' in line.msg for line in lines) == 12
     assert node.fields.n_sweeps == 1
+
+
+def test_a_simulated_arm_its_shape_and_the_truth(graph):
+    c = configuration()
+    c = replace(c, field_source=replace(c.field_source, build_errors=0.0, rate=20.0))
+    lines = graph.listen_to_logs()
+    given = overrides(c)
+    graph.add(EstimatorNode(parameter_overrides=given))
+    graph.add(FieldSource(parameter_overrides=given))
+    tips = graph.listen(PoseStamped, 'magnetic/tip', STREAM)
+    truth = graph.listen(PoseStamped, 'truth/tip', STREAM)
+    true_coordinates = graph.listen(JointState, 'truth/coordinates', STREAM)
+    shapes = graph.listen(Path, 'truth/shape', STREAM)
+    coordinates = graph.listen(JointState, 'magnetic/coordinates', STREAM)
+    graph.until(lambda: len(tips) >= 20 and len(coordinates) >= 20, 'results')
+
+    def of(messages, values):
+        return {(m.header.stamp.sec, m.header.stamp.nanosec): np.array(values(m)) for m in messages}
+
+    def position(m):
+        return [m.pose.position.x, m.pose.position.y, m.pose.position.z]
+
+    ours, theirs = of(tips, position), of(truth, position)
+    common = sorted(ours.keys() & theirs.keys())
+    assert len(common) >= 10
+    assert max(np.linalg.norm(ours[k] - theirs[k]) for k in common) < 0.02
+    ours, theirs = (of(m, lambda m: m.position) for m in (coordinates, true_coordinates))
+    common = sorted(ours.keys() & theirs.keys())
+    assert max(np.abs(ours[k] - theirs[k]).max() for k in common) < 0.1
+    assert coordinates[0].name == true_coordinates[0].name
+    assert len(shapes[0].poses) == 64
+    assert any('uncalibrated' in line.msg for line in lines)

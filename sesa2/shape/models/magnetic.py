@@ -124,6 +124,7 @@ class Magnetic(CurveModel[None]):
         self.coordinate_names = self.kinematics.coordinate_names
         limits = CoordinateLimits(self.kinematics, layout.bend_max, layout.stretch_limits)
         self.predictor = layout.readings(limits)
+        self.doubts = self.predictor.doubts
         names = self.kinematics.segment_coordinates
         self.length_columns = slice(names.index('length'), None, len(names))
         self._fitting = CoordinateFit(self.predictor)
