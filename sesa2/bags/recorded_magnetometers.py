@@ -3,6 +3,8 @@
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Sequence
 
+import numpy as np
+
 from sesa2.bags.recording import Recording
 from sesa2.bags.topics import Message, magnetometer_topic
 from sesa2.configuration import Configuration
@@ -106,14 +108,17 @@ class RecordedFields:
         """How often time stepped back."""
         return self._assembler.resets
 
-    def hear_base(self, q: FloatArray) -> None:
-        """How the IMU on the base measured it, (4,), x y z w."""
-        self._assembler.base = q
-
     def add(
-        self, messages: Sequence[Message]
+        self, messages: Sequence[Message], base_log_ns: np.ndarray, base: FloatArray
     ) -> Iterator[tuple[list[tuple[int, int, bytes]], Estimate | None]]:
         """Take messages, in the recording's order.
+
+        Parameters
+        ----------
+        messages
+            of magnetometers.
+        base_log_ns : (m,) and base : (m, 4)
+            when the IMU on the base was recorded among them, ns, and what it measured, q_WS, x y z w.
 
         Yields
         ------
@@ -122,7 +127,11 @@ class RecordedFields:
         """
         taken: list[tuple[int, int, bytes]] = []
         sweeps: list[Sweep] = []
+        heard = 0
         for message in messages:
+            while heard < len(base) and base_log_ns[heard] <= message.log_ns:
+                self._assembler.hear_base(base[heard])
+                heard += 1
             id_ = self._topics.ids[message.topic]
             if (index := self._indices.get(id_)) is None:
                 continue
@@ -141,6 +150,8 @@ class RecordedFields:
                 taken, sweeps, now = [], [], []
             taken.append((id_, stamp_ns, data))
             sweeps += now
+        for q in base[heard:]:
+            self._assembler.hear_base(q)
         yield taken, self._estimate(sweeps)
 
     def flush(self) -> Estimate | None:

@@ -329,10 +329,9 @@ class _Replay:
 
     def _add_magnetic(self, block: ImuBlock) -> None:
         assert self.fields is not None
-        of_base = np.flatnonzero(block.ids == self._base_id)
-        if self._base_id and len(of_base):
-            self.fields.hear_base(block.orientations[of_base[0]])
-        for k, (taken, estimate) in enumerate(self.fields.add(block.magnetic)):
+        of_base = (block.ids == self._base_id) & (self._base_id != 0)
+        fed = self.fields.add(block.magnetic, block.log_ns[of_base], block.orientations[of_base])
+        for k, (taken, estimate) in enumerate(fed):
             if k and self._only_fields:  # time has stepped back
                 self._end_segment()
             for id_, stamp_ns, data in taken:

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from sesa2.estimation.imu_queue import ImuQueue, Quaternion
+from sesa2.estimation.imu_queue import NORM_TOLERANCE, ImuQueue, Quaternion
 from sesa2.estimation.instants import Member
 from sesa2.estimation.sweeps import NO_BASE, Sweep, SweepAssembler
 from sesa2.shape.rotations import FloatArray
@@ -66,6 +66,12 @@ class FieldSweepAssembler(SweepAssembler):
         """Take one sample, (3,), T, NaN on axes that are not there; see `add`."""
         x, y, z = field
         return self.add(index, stamp_ns, x, y, z, 0.0, arrival_ns)
+
+    def hear_base(self, q: Sequence[float] | FloatArray) -> None:
+        """Take what the IMU on the base measured, q_WS, (4,), x y z w; what is none is passed over."""
+        norm = math.sqrt(sum(float(value) ** 2 for value in q))
+        if abs(norm - 1.0) < NORM_TOLERANCE:
+            self.base = np.array(q) / norm
 
     def _complete(self, *, whatever_the_clock: bool) -> list[Sweep]:
         sweeps = super()._complete(whatever_the_clock=whatever_the_clock)

@@ -5,7 +5,6 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from functools import partial
 
-import numpy as np
 from sensor_msgs.msg import MagneticField
 
 from sesa2.configuration import Configuration
@@ -83,7 +82,7 @@ class FieldListening:
 
     def hear_base(self, q: Sequence[float]) -> None:
         """How the IMU on the base measured it, (4,), x y z w."""
-        self.assembler.base = np.array(q)
+        self.assembler.hear_base(q)
 
     @property
     def unheard(self) -> str:

@@ -18,7 +18,7 @@ from sesa2.shape.rotations import IDENTITY, FloatArray, conjugate, cross, multip
 # Said where gains and offsets are those of a drawing.
 UNCALIBRATED = (
     'magnets and magnetometers are uncalibrated (every gain is 1, every offset 0): built as carefully as a workshop '
-    'does, three segments err by 40 mm at the tip'
+    'does, three segments err by some 30 mm at the tip'
 )
 # Shapes by which the nearest distance in the workspace is found, and what is taken off for those that were not drawn.
 _DRAWN = 2000
