@@ -15,6 +15,7 @@ import sesa2
 NODES = (
     'calibration',
     'estimator',
+    'field_source',
     'plant',
     'tip_controller',
     'player',

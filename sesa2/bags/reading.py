@@ -11,6 +11,7 @@ import numpy as np
 from sesa2.bags.captured_bodies import add_captured_imus
 from sesa2.bags.definitions import PATH, STRING, deserialise
 from sesa2.bags.length_columns import add_length_columns
+from sesa2.bags.recorded_magnetometers import MagnetometerTopics
 from sesa2.bags.recorded_poses import Poses, read_pose_topics
 from sesa2.bags.recorded_stamps import RecordedStamps
 from sesa2.bags.recording import Recording, opened
@@ -47,12 +48,14 @@ class Sample(NamedTuple):
 class BesideMessage(NamedTuple):
     """What was measured beside an IMU, in CDR, and when it was recorded, ns.
 
-    A sensor_msgs/MagneticField of the IMU of an id; or lengths, sensor_msgs/JointState: then the id is None.
+    A sensor_msgs/MagneticField of the IMU of an id, or of the magnetometer of an id; or lengths,
+    sensor_msgs/JointState: then both are None.
     """
 
     id: int | None
     log_ns: int
     data: bytes
+    magnetometer: int | None = None
 
 
 class ImuBlock(NamedTuple):
@@ -74,6 +77,8 @@ class ImuBlock(NamedTuple):
         what magnetometers beside the IMUs said until then, where the intake wants that.
     lengths
         messages of measured lengths that were recorded among them; a part of the block has none.
+    magnetic
+        the same of magnetometers in the arm.
     """
 
     ids: np.ndarray
@@ -83,6 +88,7 @@ class ImuBlock(NamedTuple):
     log_ns: np.ndarray
     fields: Sequence[BesideMessage] = ()
     lengths: Sequence[Message] = ()
+    magnetic: Sequence[Message] = ()
 
     def part(self, begin: int, end: int) -> 'ImuBlock':
         """Those from one to before another."""
@@ -132,6 +138,8 @@ class ImuRecording:
         number of messages of each id.
     lengths_topic
         that of measured lengths, where the configuration has some and they are in the recording; else empty.
+    magnetometers
+        where the configuration has magnetometers, their topics.
     unknown, absent
         ids that are not in the configuration; those that it uses and that have no message.
     unreadable
@@ -142,8 +150,8 @@ class ImuRecording:
     Raises
     ------
     Sesa2Error
-        there is no message of an IMU in it, or there are those of several arms; or most of those that the configuration
-        uses are absent and others are there.
+        there is no message of an IMU in it, and the configuration has some; or there are those of several arms; or most
+        of those that the configuration uses are absent and others are there.
     """
 
     def __init__(
@@ -156,6 +164,12 @@ class ImuRecording:
         self.stamps = RecordedStamps(configuration is not None and configuration.imus.stamps == 'arrival')
         self._intake = intake
         given = imu_topics(configuration) if configuration and configuration.imus.topics else {}
+        self.magnetometers: MagnetometerTopics | None = None
+        if configuration and not configuration.imus.all_ids:
+            self.magnetometers = MagnetometerTopics(recording, configuration)
+            self.namespace, self._ids = self.magnetometers.namespace, {}
+            self._finish(configuration, {})
+            return
         found = _imus_by_namespace(recording.topics, given)
         if not found:
             add_captured_imus(recording)
@@ -180,6 +194,13 @@ class ImuRecording:
             )
         self.namespace, relative = next(iter(by_namespace.items()), (_namespace(recording), {}))
         self._ids = {**anywhere, **relative}
+        if configuration and configuration.magnetometers.ids:
+            self.magnetometers = MagnetometerTopics(recording, configuration, self.namespace)
+        self._finish(configuration, given)
+
+    def _finish(self, configuration: Configuration | None, given: Mapping[int, str]) -> None:
+        """What is there beside the topics of the IMUs, once these are known."""
+        recording = self._recording
         self.counts = {id_: recording.topics[name].count for name, id_ in self._ids.items()}
         self._fields = self._topics_of_fields(imu_fields(configuration) if given and configuration else {})
         self.lengths_topic = self._lengths_wanted = ''
@@ -188,7 +209,7 @@ class ImuRecording:
         self.unreadable: Counter[int] = Counter()
         self.unknown: list[int] = []
         self.absent: list[int] = []
-        if configuration:
+        if configuration and configuration.imus.all_ids:
             self._compare(configuration)
 
     def _find_lengths(self, names: Sequence[str]) -> None:
@@ -246,6 +267,7 @@ class ImuRecording:
         """What is there too much and too little, for people; complete after reading."""
         return [
             *self.stamps.problems,
+            *(self.magnetometers.warnings if self.magnetometers else []),
             *(f'IMU {id_}: {self.counts[id_]} messages not used: not in imus.ids' for id_ in self.unknown),
             *(f'IMU {id_}: no message' for id_ in self.absent),
             *(f'IMU {id_}: {n} messages not used: damaged' for id_, n in self.unreadable.items()),
@@ -255,17 +277,25 @@ class ImuRecording:
         """All measurements, or those recorded from one time to before another, ns; in the recording's order."""
         wants_fields = self._intake is not None and self._intake.wants_fields
         fields: list[BesideMessage] = []
-        beside = [*(self._fields if wants_fields else ()), *filter(None, [self.lengths_topic])]
+        of_magnets = self.magnetometers.ids if self.magnetometers else {}
+        beside = [
+            *(self._fields if wants_fields else ()),
+            *filter(None, [self.lengths_topic]),
+            *of_magnets,
+        ]
         messages = self._recording.messages([*self._ids, *beside], span_ns)
         while part := list(islice(messages, BLOCK)):
             lengths = [message for message in part if message.topic == self.lengths_topic]
             if lengths:
                 part = [message for message in part if message.topic != self.lengths_topic]
+            magnetic = [message for message in part if message.topic in of_magnets]
+            if magnetic:
+                part = [message for message in part if message.topic not in of_magnets]
             if wants_fields:
                 part = self._without_fields(part, fields)
             if not part:
-                if lengths:
-                    yield _NO_IMU._replace(lengths=lengths)
+                if lengths or magnetic:
+                    yield _NO_IMU._replace(lengths=lengths, magnetic=magnetic)
                 continue
             ids = np.fromiter((self._ids[message.topic] for message in part), np.int64, len(part))
             log_ns = np.fromiter((message.log_ns for message in part), np.int64, len(part))
@@ -280,11 +310,12 @@ class ImuRecording:
             if not taken.readable.all():
                 self.unreadable.update(ids[~taken.readable].tolist())
             block = ImuBlock(ids, taken.stamps_ns, taken.orientations, data, log_ns)
-            if not taken.usable.any() and not lengths:
+            if not taken.usable.any() and not (lengths or magnetic):
                 continue
             block = block if taken.usable.all() else block.chosen(np.flatnonzero(taken.usable))
             self.stamps.complete(block.ids, block.stamps_ns, block.log_ns, block.data)
-            yield block._replace(fields=fields, lengths=lengths) if fields or lengths else block
+            there = fields or lengths or magnetic
+            yield block._replace(fields=fields, lengths=lengths, magnetic=magnetic) if there else block
             fields = []
 
     def _with_stamps(
@@ -300,14 +331,26 @@ class ImuRecording:
 
     def beside(self) -> Iterator[BesideMessage]:
         """Magnetic fields and lengths, in the recording's order, each with a stamp."""
-        topics = [*self._fields, *filter(None, [self.lengths_topic])]
+        of_magnets = self.magnetometers.ids if self.magnetometers else {}
+        topics = [*self._fields, *filter(None, [self.lengths_topic]), *of_magnets]
         for message in self._recording.messages(topics) if topics else ():
             id_, data = self._fields.get(message.topic), message.data
-            if id_ is not None:
+            magnetometer = of_magnets.get(message.topic)
+            if id_ is not None or magnetometer is not None:
                 data = self.stamps.of_field(data, message.log_ns)
             elif len(data) >= _STAMPED and not read_stamp(data):
                 data = with_stamp(data, message.log_ns)
-            yield BesideMessage(id_, message.log_ns, data)
+            yield BesideMessage(id_, message.log_ns, data, magnetometer)
+
+    def field_samples(self) -> Iterator[Sample]:
+        """What magnetometers in the arm said, one by one, as `samples`, of no orientation."""
+        of_magnets = self.magnetometers.ids if self.magnetometers else {}
+        for message in self._recording.messages(of_magnets) if of_magnets else ():
+            data = self.stamps.of_field(message.data, message.log_ns)
+            stamp_ns = read_stamp(data) if len(data) >= _STAMPED else message.log_ns
+            nan = float('nan')
+            id_ = of_magnets[message.topic]
+            yield Sample(id_, stamp_ns, nan, nan, nan, nan, data, message.log_ns)
 
     @property
     def field_ids(self) -> list[int]:

@@ -11,13 +11,14 @@ from sesa2.alignment.earth_frame import BaseComparison
 from sesa2.bags.definitions import STRING, string_message
 from sesa2.bags.reading import BesideMessage, ImuBlock, ImuRecording, Sample
 from sesa2.bags.recorded_lengths import RecordedLengths
+from sesa2.bags.recorded_magnetometers import RecordedFields
 from sesa2.bags.recording import open_recording
 from sesa2.bags.topics import Message
 from sesa2.bags.writing import BagWriter, new_bag
 from sesa2.configuration import Configuration, files
 from sesa2.errors import Sesa2Error
 from sesa2.estimation.arrivals import OFFLINE_PATIENCE, lag_in_words
-from sesa2.estimation.estimator import Estimator
+from sesa2.estimation.estimator import Estimate, Estimator
 from sesa2.estimation.left_twist import LeftTwist
 from sesa2.estimation.stuck import StuckWatch, stuck_in_words
 from sesa2.estimation.sweeps import NO_BASE, Sweep
@@ -28,7 +29,13 @@ from sesa2.messages.imu_messages import TYPE as IMU_TYPE
 from sesa2.messages.length_messages import LENGTHS_TYPE
 from sesa2.messages.orientation_intake import OrientationIntake, unaligned_headings
 from sesa2.messages.results import ResultMessages
-from sesa2.messages.topic_names import BACKBONE_LENGTHS, CONFIGURATION, imu_fields, imu_topics
+from sesa2.messages.topic_names import (
+    BACKBONE_LENGTHS,
+    CONFIGURATION,
+    imu_fields,
+    imu_topics,
+    magnetometer_field,
+)
 from sesa2.sensing.lengths import NO_LENGTHS, outside_in_words
 from sesa2.time import NS
 
@@ -53,7 +60,11 @@ class Summary:
     dropped
         number of samples that no sweep could use, by reason.
     sweeps
-        number of sweeps that gave a result, of every model.
+        number of sweeps of IMUs that gave a result, of every model that needs these.
+    field_samples, field_sweeps
+        the same of magnetometers.
+    results
+        number of results, by model.
     without_lengths
         number of sweeps without a result, since the length of a segment was not known.
     outside_stretch
@@ -89,6 +100,9 @@ class Summary:
     unreadable: Counter[int] = field(default_factory=Counter)
     dropped: Counter[str] = field(default_factory=Counter)
     sweeps: int = 0
+    field_samples: Counter[int] = field(default_factory=Counter)
+    field_sweeps: int = 0
+    results: Counter[str] = field(default_factory=Counter)
     without_lengths: int = 0
     outside_stretch: Counter[int] = field(default_factory=Counter)
     partial: int = 0
@@ -127,12 +141,12 @@ class Summary:
         if self.resets:
             lines.append(f'time jumped back {self.resets} times; the estimate began anew there')
         lines += [
-            f'{model}: {n} of {self.sweeps} results have a joint beyond 80° about z'
+            f'{model}: {n} of {self.results[model]} results have a joint beyond 80° about z'
             for model, n in self.near_singular.items()
             if n
         ]
         lines += [
-            f'{model}: {n} of {self.sweeps} results could not be solved and are arcs'
+            f'{model}: {n} of {self.results[model]} results could not be solved and are arcs'
             for model, n in self.fallen_back.items()
             if n
         ]
@@ -183,12 +197,13 @@ def replay(
         imus = ImuRecording(recording, configuration, intake)
         imus.check_lengths()
         total = sum(imus.counts.values())
+        total += sum(imus.magnetometers.counts.values()) if imus.magnetometers else 0
         with new_bag(out) as bag:
             run = _Replay(configuration, imus, bag)
             done = 0
             for block in imus.blocks():
                 run.add(block)
-                done += len(block.data)
+                done += len(block.data) + len(block.magnetic)
                 if progress and done < total:
                     progress(done, total)
             summary = run.finish()
@@ -202,10 +217,11 @@ def replay(
                 *intake.reasons,
                 *intake.doubts,
                 *(run.lengths.problems if run.lengths else []),
+                *(run.fields.problems if run.fields else []),
             ]
-            if not summary.sweeps:
+            if not (summary.sweeps or summary.field_sweeps):
                 reasons = '; '.join(summary.warnings)
-                what = 'result' if summary.without_lengths else 'sweep'
+                what = 'result' if summary.without_lengths or summary.field_samples else 'sweep'
                 raise Sesa2Error(f'{source}: no {what} in {total} samples: {reasons}')
         if progress:
             progress(total, total)
@@ -219,6 +235,8 @@ class _Replay:
     ----------
     lengths
         those measured, where the configuration has some.
+    fields
+        of magnetometers, where the configuration has some.
     """
 
     def __init__(self, configuration: Configuration, imus: ImuRecording, bag: BagWriter):
@@ -239,7 +257,15 @@ class _Replay:
         )
         self._imu_ids = configuration.imus.all_ids
         self._base_id = configuration.imus.base_id
+        self.fields = (
+            RecordedFields(configuration, imus.magnetometers, OFFLINE_PATIENCE)
+            if imus.magnetometers
+            else None
+        )
         self._messages = ResultMessages(configuration, self._estimator)
+        self._field_messages = ResultMessages(
+            configuration, self.fields.estimator if self.fields else Estimator(configuration, 'fields')
+        )
         self._names: dict[int, str] = {}
         self._configuration = self._topic(CONFIGURATION, STRING, latched=True)
         self._yaml: str | None = files.dump(configuration)  # until it is written
@@ -256,11 +282,21 @@ class _Replay:
         self._lengths_topic = (
             self._topic(BACKBONE_LENGTHS, LENGTHS_TYPE) if self.lengths and configuration.record.imu else None
         )
-        self._results = {
-            topic: self._topic(*topic)
-            for topic in self._messages.topics
-            if not topic.name.endswith('/marker_array')  # which is for viewers
+        self._results, self._field_results = (
+            {
+                topic: self._topic(*topic)
+                for topic in messages.topics
+                if not topic.name.endswith('/marker_array')  # which is for viewers
+            }
+            for messages in (self._messages, self._field_messages)
+        )
+        section = configuration.magnetometers
+        self._magnetometers = {
+            i: self._topic(magnetometer_field(i), FIELD_TYPE)
+            for i in section.ids
+            if imus.magnetometers and i in imus.magnetometers.counts and configuration.record.imu
         }
+        self._only_fields = not configuration.imus.all_ids
         self._comparison = BaseComparison()
         self._sweeps: list[Sweep] = []
         self._before_block: list[int] = []  # stamp of the last sweep before the block, if there is one
@@ -281,13 +317,44 @@ class _Replay:
         return number
 
     def add(self, block: ImuBlock) -> None:
-        """Take samples, of any IMUs, and lengths."""
+        """Take samples, of any IMUs, lengths and fields of magnetometers."""
         self._pend_fields(block.fields)
+        if self.fields and block.magnetic:
+            self._add_magnetic(block)
         for piece in (block,) if self.lengths is None else self.lengths.pieces(block):
             self._pend_lengths(piece.lengths)
             if piece.data:
                 self._add_samples(piece)
             self._end_block()
+
+    def _add_magnetic(self, block: ImuBlock) -> None:
+        assert self.fields is not None
+        of_base = (block.ids == self._base_id) & (self._base_id != 0)
+        fed = self.fields.add(block.magnetic, block.log_ns[of_base], block.orientations[of_base])
+        for k, (taken, estimate) in enumerate(fed):
+            if k and self._only_fields:  # time has stepped back
+                self._end_segment()
+            for id_, stamp_ns, data in taken:
+                if id_ in self._magnetometers:
+                    self._pending.extend([stamp_ns], [self._magnetometers[id_]], [data])
+            self._pend_estimate(estimate)
+        if self._only_fields and estimate is not None and len(estimate.stamps_ns):
+            self._write(self._pending.taken(int(estimate.stamps_ns[-1])))
+
+    def _pend_estimate(self, estimate: Estimate | None) -> None:
+        """Keep results of magnetometers until they can be written."""
+        if estimate is None or not estimate.models:
+            return
+        stamps = estimate.stamps_ns.tolist()
+        for topic, number in self._field_results.items():
+            self._pending.extend(stamps, [number] * len(stamps), self._field_messages.make(topic, estimate))
+        self.summary.field_sweeps += len(stamps)
+        for name, result in estimate.models.items():
+            self.summary.near_singular[name] += result.near_singular
+            self.summary.results[name] += len(stamps)
+        if self._only_fields:
+            self._first_ns = stamps[0] if self._first_ns is None else self._first_ns
+            self._last_ns = stamps[-1]
 
     def _add_samples(self, block: ImuBlock) -> None:
         indices = np.array([self._indices.get(id_, -1) for id_ in block.ids.tolist()])
@@ -370,6 +437,9 @@ class _Replay:
         """Write what is left."""
         self._sweeps += self._assembler.flush()
         self._release_held()
+        if self.fields:
+            self._pend_estimate(self.fields.flush())
+            self.summary.field_samples = self.fields.samples
         self._end_segment()
         self.summary.lags = {
             self._imu_ids[index]: lag for index, lag in self._assembler.arrivals.lags.items()
@@ -381,6 +451,8 @@ class _Replay:
         stuck = zip(self._imu_ids, self._stuck.seconds.tolist(), strict=False)
         self.summary.stuck = {id_: seconds for id_, seconds in stuck if seconds}
         self.summary.resets = self._assembler.resets
+        if self.fields and self._only_fields:
+            self.summary.resets = self.fields.resets
         models = self._estimator.models
         self.summary.much_twist = {
             name: left.told(models[name]) for name, left in self._left_twists.items() if left.is_much
@@ -413,6 +485,7 @@ class _Replay:
         for topic, number in self._results.items() if stamps else ():
             self._pending.extend(stamps, [number] * len(stamps), self._messages.make(topic, estimate))
         self.summary.sweeps += len(stamps)
+        self.summary.results.update(dict.fromkeys(estimate.models, len(stamps)))
         measured = np.array([sweep.measured for sweep in self._sweeps])
         orientations = np.array([sweep.orientations for sweep in self._sweeps])
         all_stamps = np.array([sweep.stamp_ns for sweep in self._sweeps])

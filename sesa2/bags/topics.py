@@ -77,6 +77,12 @@ def field_topic(name: str) -> ImuTopic | None:
     return ImuTopic(match[1], int(match[2])) if match else None
 
 
+def magnetometer_topic(name: str) -> ImuTopic | None:
+    """Namespace and id of a magnetometer in the arm, `…/magnetometer_<id>/field`; None for any other name."""
+    match = re.fullmatch(r'(/(?:.*/)?)magnetometer_(\d+)/field', name)
+    return ImuTopic(match[1], int(match[2])) if match else None
+
+
 def is_latched(profiles: Iterable[Qos]) -> bool:
     """Whether a publisher of these profiles gives its last message to late subscribers."""
     return any(qos.durability is QosDurability.TRANSIENT_LOCAL for qos in profiles)

@@ -44,7 +44,7 @@ def run(options: argparse.Namespace) -> int:
     took = time.perf_counter() - began
     warn(summary.warnings)
     print(
-        f'{options.out}: {summary.sweeps} sweeps of {summary.duration:.1f} s in {took:.1f} s '
+        f'{options.out}: {summary.sweeps + summary.field_sweeps} sweeps of {summary.duration:.1f} s in {took:.1f} s '
         f'({summary.duration / took:.0f} × real time), {sum(summary.messages.values())} messages'
     )
     return 0

@@ -154,6 +154,19 @@ class MagnetometerSection:
         )
 
 
+@dataclass(frozen=True)
+class FieldSourceSection:
+    """The arm that the source `sim` plays to magnetometers."""
+
+    rate: float = parameter(50.0, 'sweeps per second', above=0.0, high=1000.0)
+    build_errors: float = parameter(
+        1.0,
+        'how far it is built from what is configured, in parts of what a careful workshop leaves',
+        low=0.0,
+    )
+    seed: int = parameter(0, 'of these errors and of the noise', low=0)
+
+
 def magnetic_readings(
     magnets: MagnetSection, magnetometers: MagnetometerSection, segment_ends: FloatArray
 ) -> Callable[[CoordinateLimits], MagneticReadings] | None:

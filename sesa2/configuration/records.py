@@ -7,7 +7,12 @@ from typing import Any, get_type_hints
 
 import numpy as np
 
-from sesa2.configuration.magnetic_sections import MagnetometerSection, MagnetSection, magnetic_readings
+from sesa2.configuration.magnetic_sections import (
+    FieldSourceSection,
+    MagnetometerSection,
+    MagnetSection,
+    magnetic_readings,
+)
 from sesa2.control.controller_options import ControllerOptions
 from sesa2.control.tip_controller import TipController
 from sesa2.plant.plant_options import PlantOptions
@@ -218,6 +223,7 @@ class Configuration:
     imus: Imus = field(default_factory=Imus)
     magnets: MagnetSection = field(default_factory=MagnetSection)
     magnetometers: MagnetometerSection = field(default_factory=MagnetometerSection)
+    field_source: FieldSourceSection = field(default_factory=FieldSourceSection)
     markers: Markers = field(default_factory=Markers)
     models: tuple[str, ...] = parameter(('rigid', 'pcc'), 'shape models to run', choices=MODELS)
     links: int = parameter(64, 'links that stand for a curve on the ROS graph', low=1, high=1000)
@@ -250,6 +256,14 @@ class Configuration:
             backbone_radii=self.backbones.mean_radii if self.has_lengths else (),
         )
         return replace(bare, readings=magnetic_readings(self.magnets, self.magnetometers, bare.segment_ends))
+
+    def models_of(self, kind: str) -> tuple[str, ...]:
+        """Those of its models that magnetometers feed (`fields`), or those that IMUs do (`orientations`)."""
+        return tuple(name for name in self.models if kind in MODELS[name].needs)
+
+    def stretches(self, model: str) -> bool:
+        """Whether the shapes of a model have segments of changing length, measured or found."""
+        return self.has_lengths or MODELS[model].finds_lengths
 
     @property
     def has_lengths(self) -> bool:
@@ -363,6 +377,11 @@ class Configuration:
             stretch=self.segments.stretch,
             imu_positions=places | ({self.imus.base_id: 0.0} if self.imus.base_id else {}),
         )
+
+    @property
+    def has_field_source(self) -> bool:
+        """Whether an arm with magnets is simulated."""
+        return self.run.source == 'sim' and bool(self.models_of('fields')) and not self.imus.all_ids
 
     @property
     def has_plant(self) -> bool:

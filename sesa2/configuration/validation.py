@@ -261,6 +261,11 @@ def _check(c: Configuration) -> list[Mistake]:
     check_magnets(c, expect)
     _check_boards(c, expect)
     _check_raw(c, expect)
+    expect(
+        bool(n) or c.run.source != 'serial' or not c.magnetometers.ids,
+        'run.source',
+        "got 'serial', and there are no IMUs that a board would have; magnetometers come from a driver: 'external'",
+    )
     if c.run.source == 'bag':
         expect(c.run.bag != '', 'run.bag', "is empty, and the source is 'bag'")
     if c.run.mode == 'calibrate':

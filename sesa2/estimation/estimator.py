@@ -1,6 +1,7 @@
 """Sweeps in, the arm's shape by every configured model out; one sweep or a whole batch."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -9,11 +10,13 @@ from sesa2.alignment.earth_frame import BaseComparison
 from sesa2.alignment.heading_filter import HeadingFilter
 from sesa2.configuration import Configuration
 from sesa2.errors import Sesa2Error
+from sesa2.estimation.field_sweeps import FieldSweepAssembler
 from sesa2.estimation.joint_velocities import JointVelocities
 from sesa2.estimation.sweep_lengths import SweepLengths
 from sesa2.estimation.sweeps import Sweep, SweepAssembler
 from sesa2.sensing.imu.mounting import Mounting
 from sesa2.sensing.lengths import outside_stretch
+from sesa2.shape.backbone import Backbone
 from sesa2.shape.joints import WARN_COSINE, JointAngles, hold_x, joint_angles
 from sesa2.shape.measured import Measured
 from sesa2.shape.missing import fill_missing
@@ -74,6 +77,10 @@ class Estimate(NamedTuple):
         number of sweeps without a result, since the length of a segment was not known.
     outside_stretch : (n_segments,)
         number of results with a segment shorter or longer than it should ever be.
+    backbones
+        what each model made of all the sweeps, by name; also of those without a result.
+    lost
+        number of sweeps without a result, since a model found none.
     """
 
     stamps_ns: np.ndarray
@@ -83,6 +90,8 @@ class Estimate(NamedTuple):
     base_velocities: FloatArray | None = None
     without_lengths: int = 0
     outside_stretch: np.ndarray = np.zeros(0, dtype=int)
+    backbones: Mapping[str, Backbone] = MappingProxyType({})
+    lost: int = 0
 
 
 class _Configured:
@@ -100,26 +109,31 @@ class _Configured:
 
 
 class Estimator:
-    """Turns measured orientations into shapes. What does not depend on the measurement is computed once.
+    """Turns what was measured into shapes. What does not depend on the measurement is computed once.
 
     Parameters
     ----------
     configuration
-        the arm, its IMUs and the models.
+        the arm, its sensors and the models.
+    kind
+        of sensors that the sweeps are of: those of IMUs (`orientations`) or of magnetometers (`fields`). It has the
+        models that need this kind.
     """
 
-    def __init__(self, configuration: Configuration):
+    def __init__(self, configuration: Configuration, kind: str = 'orientations'):
         self.configuration = configuration
         self.layout = configuration.layout
         self._mounting = Mounting(configuration.mountings, configuration.headings)
         self._base = configuration.base
         self._on_base = configuration.imus.base_id != 0
         self._base_mounting = Mounting(configuration.base_mounting[None], np.zeros(1))
-        self._heading_filter = HeadingFilter(self.layout) if configuration.imus.heading_filter else None
+        self._kind = kind
+        wants_headings = configuration.imus.heading_filter and kind == 'orientations'
+        self._heading_filter = HeadingFilter(self.layout) if wants_headings else None
         self._in_world = configuration.arm.output_frame == 'world'
         self._models: dict[str, _Configured] = {}
         n_links = 0
-        for name in configuration.models:
+        for name in configuration.models_of(kind):
             model = configuration.create_model(name)
             self._models[name] = _Configured(model, configuration.markers.positions, n_links)
             n_links += model.n_links
@@ -152,6 +166,17 @@ class Estimator:
             patience=patience,
         )
 
+    def field_assembler(self, patience: float | None = None) -> FieldSweepAssembler:
+        """The same for the magnetometers; index k is the k-th of `magnetometers.ids`."""
+        magnetometers = self.configuration.magnetometers
+        return FieldSweepAssembler(
+            [i not in magnetometers.masked for i in magnetometers.ids],
+            wants_base=self._on_base,
+            timeout=self.configuration.sweep_timeout,
+            interpolate=self.configuration.time_alignment == 'interpolate',
+            patience=patience,
+        )
+
     def sweep_lengths(self, assembler: SweepAssembler, patience: float | None = None) -> SweepLengths:
         """What gives the sweeps of an assembler their lengths; patience as above.
 
@@ -170,8 +195,13 @@ class Estimator:
             at least one, in order of time.
         """
         stamps = np.array([sweep.stamp_ns for sweep in sweeps], dtype=np.int64)
-        measured = np.array([sweep.measured for sweep in sweeps])
         base = self.bases(sweeps)
+        if not self._models:
+            return Estimate(stamps[:0], base[:0], {})
+        if self._kind == 'fields':
+            fields = np.array([sweep.fields for sweep in sweeps])
+            return self._fit(stamps, Measured(None, base, fields=fields, times=stamps / NS))
+        measured = np.array([sweep.measured for sweep in sweeps])
         orientations = self._mounting.link_orientations(np.array([sweep.orientations for sweep in sweeps]))
         if self._heading_filter:
             orientations = self._heading_filter.correct(stamps / NS, orientations, measured, base)
@@ -221,15 +251,22 @@ class Estimator:
 
     def _fit(self, stamps_ns: np.ndarray, measured: Measured) -> Estimate:
         base = np.asarray(measured.base)
+        backbones = {name: one.model.fit(measured) for name, one in self._models.items()}
+        given = _given(backbones, len(base))
+        lost = 0 if given is None else len(base) - int(np.count_nonzero(given))
+        if lost == len(base):
+            return Estimate(stamps_ns[:0], base[:0], {}, backbones=backbones, lost=lost)
+        if given is not None:
+            stamps_ns, base = stamps_ns[given], base[given]
         fitted, links, lengths = [], [], []
-        for configured in self._models.values():
-            backbone = configured.model.fit(measured)
-            positions = backbone.positions(configured.positions_at)
-            there = backbone.orientations(configured.orientations_at)
+        for name, configured in self._models.items():
+            backbone = backbones[name]
+            positions = _of(backbone.positions(configured.positions_at), given)
+            there = _of(backbone.orientations(configured.orientations_at), given)
             fitted.append((positions, there, backbone))
             links.append(there[:, : configured.model.n_links])
             if backbone.lengths is not None:
-                lengths.append(backbone.lengths @ configured.pieces)
+                lengths.append(_of(backbone.lengths, given) @ configured.pieces)
         # All models' joints in one call: for a single sweep the number of numpy's calls is what costs.
         of_links = joint_angles(np.concatenate(links, axis=1), base, self._on_clamp)
         near_singular = self._hold_singular(of_links)
@@ -261,10 +298,10 @@ class Estimator:
                 if near_singular is None
                 else int(np.count_nonzero(near_singular[:, at].any(axis=-1))),
                 fallen_back=backbone.fallen_back,
-                coordinates=backbone.coordinates,
-                twists=backbone.twists,
+                coordinates=None if backbone.coordinates is None else _of(backbone.coordinates, given),
+                twists=None if backbone.twists is None else _of(backbone.twists, given),
             )
-        estimate = Estimate(stamps_ns, base, results)
+        estimate = Estimate(stamps_ns, base, results, backbones=backbones, lost=lost)
         if not self._on_base:
             return estimate
         return estimate._replace(base_joints=joints[:, -1, :3], base_velocities=velocities[:, -1, :3])
@@ -281,3 +318,13 @@ class Estimator:
                     joints.angles[i] = last
         self._angles = joints.angles[-1]
         return near
+
+
+def _given(backbones: Mapping[str, Backbone], n: int) -> np.ndarray | None:
+    """Of which sweeps every model has found a shape, (n,); None: of all."""
+    lost = [backbone.lost for backbone in backbones.values() if backbone.lost is not None]
+    return ~np.logical_or.reduce([np.broadcast_to(each, n) for each in lost]) if lost else None
+
+
+def _of(values: FloatArray, given: np.ndarray | None) -> FloatArray:
+    return values if given is None else values[given]

@@ -4,6 +4,9 @@ import math
 from collections import deque
 from typing import NamedTuple
 
+import numpy as np
+
+from sesa2.shape.rotations import FloatArray, slerp
 from sesa2.time import NS
 
 # The chip's own rounding leaves norms within 2e-4 of 1.
@@ -42,6 +45,11 @@ class ImuQueue:
     def use(self) -> None:
         """Take the first waiting sample."""
         self.used_ns, self.used, _ = self.waiting.popleft()
+
+    @staticmethod
+    def between(before: Quaternion, after: Quaternion, fraction: float) -> FloatArray:
+        """What it would have measured between two samples."""
+        return slerp(np.array(before), np.array(after), fraction)
 
     def usable(self, stamp_ns: int, x: float, y: float, z: float, w: float) -> Quaternion | str:
         """A sample's unit quaternion, or why it has none."""

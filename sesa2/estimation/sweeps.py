@@ -24,7 +24,7 @@ from sesa2.estimation.imu_queue import (
 from sesa2.estimation.instants import Member, catch_up, comes_back, left_over, present, went_on
 from sesa2.estimation.rounds import whole_rounds
 from sesa2.estimation.time_steps import AHEAD_NS, BACK_NS, HeldSample, TimeSteps, step_in_words
-from sesa2.shape.rotations import FloatArray, slerp
+from sesa2.shape.rotations import FloatArray
 from sesa2.time import NS
 
 # At the start, and after a pause of all, the topics come one after another: for so long no sweep is made of a few.
@@ -56,6 +56,9 @@ class Sweep(NamedTuple):
     lengths : (n_backbones,) or None
         of the backbones at this instant, as they are said (before scale and offset), in the order of the configuration,
         m; NaN: not known. None where the configuration has none.
+    fields : (n_magnetometers, 3) or None
+        of an instant of magnetometers, which has no orientations: in their own axes, T; NaN: not measured. `measured`
+        is theirs then.
     """
 
     stamp_ns: int
@@ -63,6 +66,7 @@ class Sweep(NamedTuple):
     measured: np.ndarray
     base: FloatArray | None
     lengths: FloatArray | None = None
+    fields: FloatArray | None = None
 
 
 class SweepAssembler:
@@ -95,6 +99,8 @@ class SweepAssembler:
 
     Attributes
     ----------
+    queue
+        what one sensor's samples wait in, which knows what a sample is.
     arrivals
         what the clock of arrival tells.
     dropped
@@ -102,6 +108,8 @@ class SweepAssembler:
     resets
         how often time stepped back.
     """
+
+    queue: type[ImuQueue] = ImuQueue
 
     def __init__(
         self,
@@ -119,7 +127,7 @@ class SweepAssembler:
         self._timeout_ns = round(timeout * NS)
         self._interpolate = interpolate
         self._latency_ns = round(latency * NS)
-        self._imus = [ImuQueue() for _ in self._used]
+        self._imus = [self.queue() for _ in self._used]
         self.arrivals = Arrivals(len(self._used), patience, timeout)
         self._steps = TimeSteps()
         self.dropped: Counter[str] = Counter()
@@ -154,6 +162,11 @@ class SweepAssembler:
     def waiting(self) -> bool:
         """Whether samples wait for their sweep."""
         return self._n_waiting > 0
+
+    @property
+    def enabled(self) -> np.ndarray:
+        """For each sensor along the arm, whether it is used, (n,)."""
+        return np.array(self._used[: self.n_imu], dtype=bool)
 
     @property
     def alive(self) -> list[bool]:
@@ -462,7 +475,7 @@ class SweepAssembler:
             q: Quaternion | FloatArray = imu.waiting[0].q
             if self._interpolate and imu.used is not None and stamp > stamp_ns >= imu.used_ns:
                 fraction = (stamp_ns - imu.used_ns) / (stamp - imu.used_ns)
-                q = slerp(np.array(imu.used), np.array(q), fraction)
+                q = imu.between(imu.used, imu.waiting[0].q, fraction)
             if index < self.n_imu:
                 orientations[index] = q
                 measured[index] = True

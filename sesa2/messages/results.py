@@ -46,7 +46,7 @@ def link_names(model: str, n_links: int) -> list[str]:
 
 def model_joints(c: Configuration, model: str, n_links: int) -> list[str]:
     """Names in `<model>/joint_states`: those of its links, then those of a base that turns."""
-    return joint_names(model, n_links, c.has_lengths) + (list(BASE_JOINTS) if c.imus.base_id else [])
+    return joint_names(model, n_links, c.stretches(model)) + (list(BASE_JOINTS) if c.imus.base_id else [])
 
 
 class ResultMessages:

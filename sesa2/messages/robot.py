@@ -28,5 +28,5 @@ def describe_robot(c: Configuration, name: str) -> str:
         base,
         markers,
         c.arm.frame_prefix,
-        c.segments.stretch if c.has_lengths else None,
+        c.segments.stretch if c.stretches(name) else None,
     )

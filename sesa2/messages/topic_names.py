@@ -59,6 +59,16 @@ def imu_fields(c: Configuration) -> dict[int, str]:
     return beside if len(set(beside.values())) == len(beside) else {i: imu_field(i) for i in beside}
 
 
+def magnetometer_name(magnetometer_id: int) -> str:
+    """A magnetometer's name: its part in diagnostics, and in the names of its topic and its frame."""
+    return f'magnetometer_{magnetometer_id}'
+
+
+def magnetometer_field(magnetometer_id: int) -> str:
+    """Topic of what a magnetometer in or around the arm measures, sensor_msgs/MagneticField."""
+    return f'{magnetometer_name(magnetometer_id)}/field'
+
+
 def imu_calibration(imu_id: int) -> str:
     """Topic of an IMU's scores and offsets, sesa2_msgs/ImuCalibration."""
     return f'{imu_name(imu_id)}/calibration'

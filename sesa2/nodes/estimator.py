@@ -1,4 +1,4 @@
-"""The estimator: orientations of the IMUs in; joint states, markers, tip and backbone of every model out."""
+"""The estimator: what IMUs and magnetometers measure in; joint states, markers, tip and backbone of every model out."""
 
 import time
 from collections import Counter, deque
@@ -11,6 +11,7 @@ from geometry_msgs.msg import PoseArray, PoseStamped
 from nav_msgs.msg import Path
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.parameter import Parameter
+from rclpy.publisher import Publisher
 from sensor_msgs.msg import Imu, JointState, MagneticField
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
@@ -27,11 +28,12 @@ from sesa2.estimation.stuck import stuck_in_words, stuck_spans
 from sesa2.estimation.sweeps import Sweep
 from sesa2.messages.header_bytes import read_stamp, with_stamp
 from sesa2.messages.orientation_intake import OrientationIntake, unaligned_headings
-from sesa2.messages.results import TYPES, ResultMessages
+from sesa2.messages.results import TYPES, ResultMessages, ResultTopic
 from sesa2.messages.robot import describe_robot
 from sesa2.messages.topic_names import CONFIGURATION, imu_fields, imu_name, imu_topics, of_model
 from sesa2.ros.confined_node import ConfinedNode
 from sesa2.ros.diagnostics import ERROR, OK, WARN, Diagnostics, Part
+from sesa2.ros.field_listening import FieldListening
 from sesa2.ros.hand_over import HandOver
 from sesa2.ros.length_listening import LengthListening
 from sesa2.ros.parameters import declare_configuration, origin_of
@@ -83,8 +85,10 @@ class EstimatorNode(ConfinedNode):
         the newest estimate, of one sweep.
     aligned
         the configuration since `~/align`; None before.
+    fields
+        listens to magnetometers, where a model needs these.
     n_sweeps
-        number of sweeps estimated.
+        number of sweeps of IMUs estimated.
     received
         number of messages of each IMU.
     unstamped
@@ -102,20 +106,28 @@ class EstimatorNode(ConfinedNode):
         self.latest: Estimate | None = None
         self.aligned: Configuration | None = None
         self.n_sweeps = 0
+        self._listened_ns = 0
+        self._looked_ns = time.monotonic_ns()
+        self.fields = (
+            FieldListening(self, self.configuration, self._publish_fields)
+            if self.configuration.models_of('fields')
+            else None
+        )
         self._messages = ResultMessages(self.configuration, self._estimator)
-        self._topics = [
-            (topic, self.create_publisher(_CLASSES[topic.name.rpartition('/')[2]], topic.name, STREAM))
-            # What control waits for goes first.
-            for topic in sorted(self._messages.topics, key=lambda topic: topic.type != TYPES['joint_states'])
-        ]
+        self._outlets = self._make_outlets(self._messages)
+        models = dict(self._estimator.models)
+        if self.fields is not None:
+            self._field_messages = ResultMessages(self.configuration, self.fields.estimator)
+            self._field_outlets = self._make_outlets(self._field_messages)
+            models |= self.fields.estimator.models
         self._configuration_publisher = self.create_publisher(String, CONFIGURATION, LATCHED)
         self._publish_configuration()
         self._description_publishers = []
-        for name in self._estimator.models:
+        for name in models:
             publisher = self.create_publisher(String, of_model(name, 'robot_description'), LATCHED)
             publisher.publish(String(data=describe_robot(self.configuration, name)))
             self._description_publishers.append(publisher)
-        for name, model in self._estimator.models.items():
+        for name, model in models.items():
             for doubt in model.doubts:
                 self.get_logger().warning(f'{name}: {doubt}')
 
@@ -168,8 +180,6 @@ class EstimatorNode(ConfinedNode):
         self._without_lengths = 0
         self._outside_stretch = Counter[int]()
         self._last_report = (time.monotonic(), Counter[int](), 0)
-        self._listened_ns = 0
-        self._looked_ns = time.monotonic_ns()
         if self._lengths is not None:
             self._watchdog = self.create_timer(_LOOK_EVERY_NS / NS, self._look_for_lengths)
         self._recent: deque[Sweep] = deque()
@@ -184,9 +194,17 @@ class EstimatorNode(ConfinedNode):
         if self.configuration.run.source == 'external':  # ours say themselves what they miss
             self._first_look = self.create_timer(PATIENCE_S, self._tell_unheard)
 
+    def _make_outlets(self, messages: ResultMessages) -> list[tuple[ResultTopic, Publisher]]:
+        """A publisher of each topic; what control waits for goes first."""
+        topics = sorted(messages.topics, key=lambda topic: topic.type != TYPES['joint_states'])
+        return [
+            (topic, self.create_publisher(_CLASSES[topic.name.rpartition('/')[2]], topic.name, STREAM))
+            for topic in topics
+        ]
+
     def _take(self, index: int) -> Callable[[bytes], None]:
         add, imu = self.assembler.add, self._ids[index]
-        by_arrival = self.configuration.imus.stamps == 'arrival'
+        by_arrival, base_id = self.configuration.imus.stamps == 'arrival', self.configuration.imus.base_id
 
         def take(data: bytes) -> None:
             self.received[imu] += 1
@@ -201,6 +219,8 @@ class EstimatorNode(ConfinedNode):
             if sample is None:
                 return
             self._newest_ns[imu] = sample[0]
+            if self.fields is not None and imu == base_id:
+                self.fields.hear_base(sample[1:])
             if sweeps := add(index, *sample, now_ns):
                 self._put(sweeps)
 
@@ -216,9 +236,10 @@ class EstimatorNode(ConfinedNode):
 
     @property
     def unheard(self) -> str:
-        """Which IMUs were never heard, and what is on the graph; empty where all were."""
+        """Which IMUs and magnetometers were never heard, and what is on the graph; empty where all were."""
         topics = {i: self._imu_topics[i] for i in self.configuration.imus.used_ids}
-        return why_unheard(self, topics, self.received)
+        fields = self.fields.unheard if self.fields else ''
+        return '; '.join(filter(None, [why_unheard(self, topics, self.received), fields]))
 
     def _tell_unheard(self) -> None:
         """Once: waiting goes on, since a driver may come yet."""
@@ -263,9 +284,7 @@ class EstimatorNode(ConfinedNode):
         self._without_lengths += estimate.without_lengths
         if not estimate.models:
             return
-        for topic, publisher in self._topics:
-            if publisher.get_subscription_count():
-                publisher.publish(self._messages.make(topic, estimate)[0])
+        self._send(self._outlets, self._messages, estimate)
         self.latest = estimate
         self.n_sweeps += 1
         for name, result in estimate.models.items():
@@ -274,6 +293,20 @@ class EstimatorNode(ConfinedNode):
             if result.twists is not None:
                 self._left_twists.setdefault(name, LeftTwist()).add(result.twists)
         self._outside_stretch.update(dict(enumerate(estimate.outside_stretch.tolist())))
+
+    def _publish_fields(self, estimate: Estimate) -> None:
+        self._send(self._field_outlets, self._field_messages, estimate)
+        if not self._estimator.models:
+            self.latest = estimate
+        for name, result in estimate.models.items():
+            self._near_singular[name] += result.near_singular
+
+    def _send(
+        self, outlets: list[tuple[ResultTopic, Publisher]], messages: ResultMessages, estimate: Estimate
+    ) -> None:
+        for topic, publisher in outlets:
+            if publisher.get_subscription_count():
+                publisher.publish(messages.make(topic, estimate)[0])
 
     def _align(
         self, request: Trigger.Request, response: Trigger.Response, *, headings: bool
@@ -454,7 +487,10 @@ class EstimatorNode(ConfinedNode):
             level, text = ERROR, 'no IMU is alive'
         if self._recent and (doubt := self._compared_with_base()):
             level, text = max(level, WARN), f'{text}; {doubt}'
-        parts.append(('sweeps', level, text, counts))
+        if self._ids:
+            parts.append(('sweeps', level, text, counts))
+        if self.fields is not None:
+            parts += self.fields.report()
         if self._lengths is not None:
             parts.append(self._lengths.report())
         imus = self.configuration.imus

@@ -5,6 +5,7 @@ import time
 from collections.abc import Iterator
 from typing import Any
 
+from rclpy.publisher import Publisher
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Imu, JointState, MagneticField
 
@@ -13,7 +14,15 @@ from sesa2.bags.recording import open_recording
 from sesa2.configuration import ConfigurationError, Mistake
 from sesa2.errors import Sesa2Error
 from sesa2.estimation.time_steps import BACK_NS
-from sesa2.messages.topic_names import BACKBONE_LENGTHS, CLOCK, imu_data, imu_field, imu_fields, imu_topics
+from sesa2.messages.topic_names import (
+    BACKBONE_LENGTHS,
+    CLOCK,
+    imu_data,
+    imu_field,
+    imu_fields,
+    imu_topics,
+    magnetometer_field,
+)
 from sesa2.ros.confined_node import ConfinedNode
 from sesa2.ros.diagnostics import OK, Diagnostics, Part
 from sesa2.ros.parameters import declare_configuration
@@ -61,6 +70,11 @@ class Player(ConfinedNode):
         self._publisher_of_lengths = (
             self.create_publisher(JointState, BACKBONE_LENGTHS, STREAM) if self._imus.lengths_topic else None
         )
+        magnetometers = self._imus.magnetometers
+        self._publishers_of_magnetometers = {
+            i: self.create_publisher(MagneticField, magnetometer_field(i), STREAM)
+            for i in (magnetometers.counts if magnetometers else ())
+        }
         imus = self.configuration.imus
         listened_to = [
             self._publishers_of_imus,
@@ -68,6 +82,12 @@ class Player(ConfinedNode):
         ]
         self._awaited = [p for publishers in listened_to for i, p in publishers.items() if i in imus.used_ids]
         self._awaited += [self._publisher_of_lengths] if self._publisher_of_lengths else []
+        section = self.configuration.magnetometers
+        self._awaited += [
+            p
+            for i, p in self._publishers_of_magnetometers.items()
+            if i in section.ids and i not in section.masked and self.configuration.models_of('fields')
+        ]
         self._clock_publisher = self.create_publisher(Clock, CLOCK, 10) if self._run.clock else None
         self._clock_ns = 0
         self.n_played = self._rounds = 0
@@ -120,7 +140,7 @@ class Player(ConfinedNode):
             while message and message.log_ns <= sample.log_ns:
                 self._publish_beside(message)
                 message = next(beside, None)
-            self._publishers_of_imus[sample.id].publish(sample.data)
+            self._paced_publishers[sample.id].publish(sample.data)
             self._publish_clock(sample.stamp_ns)
             n += 1
             self.n_played += 1
@@ -130,14 +150,22 @@ class Player(ConfinedNode):
             message = next(beside, None)
         return n
 
+    @property
+    def _paced_publishers(self) -> dict[int, Publisher]:
+        """Of the IMUs; where there are none, of the magnetometers. What is measured beside them follows them."""
+        return self._publishers_of_imus or self._publishers_of_magnetometers
+
     def _beside(self) -> Iterator[BesideMessage]:
-        """Magnetic fields and lengths, read apart from the IMUs."""
-        if self._imus.field_ids or self._publisher_of_lengths:
+        """Magnetic fields and lengths, read apart from what is paced."""
+        of_magnets = self._publishers_of_magnetometers if self._publishers_of_imus else {}
+        if self._imus.field_ids or self._publisher_of_lengths or of_magnets:
             with open_recording(self._run.bag) as recording:
                 yield from ImuRecording(recording, self.configuration).beside()
 
     def _publish_beside(self, message: BesideMessage) -> None:
-        if message.id is not None:
+        if message.magnetometer is not None:
+            self._publishers_of_magnetometers[message.magnetometer].publish(message.data)
+        elif message.id is not None:
             self._publishers_of_fields[message.id].publish(message.data)
         elif self._publisher_of_lengths:
             self._publisher_of_lengths.publish(message.data)
@@ -148,7 +176,8 @@ class Player(ConfinedNode):
         newest_ns = 0
         skip_ns = round(self._run.start * NS)
         began = time.monotonic()
-        for sample in self._imus.samples():
+        paced = self._imus.samples() if self._publishers_of_imus else self._imus.field_samples()
+        for sample in paced:
             if first_ns is None:
                 first_ns = newest_ns = sample.stamp_ns + skip_ns
             elif sample.stamp_ns < newest_ns - BACK_NS and not skip_ns:

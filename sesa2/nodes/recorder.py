@@ -25,6 +25,7 @@ from sesa2.messages.topic_names import (
     imu_calibration,
     imu_fields,
     imu_topics,
+    magnetometer_field,
     of_model,
 )
 from sesa2.messages.truth_messages import TRUTH_TYPES
@@ -85,9 +86,11 @@ class Recorder(ConfinedNode):
             self._subscribe(
                 ImuCalibration, 'sesa2_msgs/msg/ImuCalibration', imu_calibration(i), EVERY_LATCHED
             )
+        for i in c.magnetometers.ids if c.record.imu else ():
+            self._subscribe(MagneticField, FIELD_TYPE, magnetometer_field(i), qos)
         if c.record.imu and c.has_lengths:
             self._subscribe(JointState, LENGTHS_TYPE, BACKBONE_LENGTHS, qos)
-        if c.has_plant:
+        if c.has_plant or c.has_field_source:
             for topic, type_name in TRUTH_TYPES.items():
                 kind = _RESULTS.get(topic.rpartition('/')[2], JointState)
                 self._subscribe(kind, type_name, topic, STREAM)

@@ -48,6 +48,8 @@ class Model(ABC, Generic[Kept]):
         the arm and its sensors.
     stretching
         how lengths of the segments stretch the arm.
+    finds_lengths
+        whether the lengths of the segments are part of what it finds, and need not be measured.
     coordinate_names
         of the coordinates that its backbones have; none where they have none.
     doubts
@@ -60,6 +62,7 @@ class Model(ABC, Generic[Kept]):
 
     name: ClassVar[str]
     needs: tuple[str, ...] = ('orientations',)
+    finds_lengths: ClassVar[bool] = False
     Options: ClassVar[type[ModelOptions]] = ModelOptions
     coordinate_names: tuple[str, ...] = ()
     doubts: tuple[str, ...] = ()
@@ -81,7 +84,7 @@ class Model(ABC, Generic[Kept]):
     def __init__(self, layout: Layout, options: ModelOptions):
         del options
         self.layout = layout
-        if layout.stretches and 'lengths' not in self.needs:
+        if layout.stretches and not self.finds_lengths and 'lengths' not in self.needs:
             self.needs = (*self.needs, 'lengths')
         self.stretching = Stretching(layout)
         if 'orientations' in self.needs and not layout.n_imu:

@@ -40,6 +40,8 @@ class ReadingPredictor(ABC):
         expected error of a reading, one standard deviation.
     largest
         magnitude at which a sensor saturates.
+    doubts
+        of what it predicts, for people.
     """
 
     limits: CoordinateLimits
@@ -47,6 +49,7 @@ class ReadingPredictor(ABC):
     sensor_of: np.ndarray
     noise: FloatArray
     largest: float
+    doubts: tuple[str, ...] = ()
 
     @abstractmethod
     def predict(self, coordinates: FloatArray, base: ArrayLike = IDENTITY) -> Prediction:

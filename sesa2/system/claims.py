@@ -14,7 +14,7 @@ from std_msgs.msg import Empty
 from sesa2.configuration import Configuration
 from sesa2.errors import Sesa2Error
 from sesa2.messages.results import TYPES
-from sesa2.messages.topic_names import BACKBONE_LENGTHS, CLOCK, imu_topics, of_model
+from sesa2.messages.topic_names import BACKBONE_LENGTHS, CLOCK, imu_topics, magnetometer_field, of_model
 from sesa2.messages.truth_messages import TRUTH_TYPES
 from sesa2.system.machine_locks import MachineLocks
 
@@ -154,6 +154,9 @@ def claimed_topics(c: Configuration) -> list[str]:
         topics += [of_model(model, kind) for model in c.models for kind in TYPES]
     if c.run.source != 'external':
         topics += imu_topics(c).values()
+        topics += map(magnetometer_field, c.magnetometers.ids)
+    if c.has_field_source:
+        topics += TRUTH_TYPES
     if c.has_plant:
         topics += [BACKBONE_LENGTHS, *TRUTH_TYPES]
     if c.run.source == 'bag' and c.has_lengths:

@@ -61,8 +61,11 @@ class Terminal:
         """Print what the whole run came to."""
         parts = []
         if estimator := self._system.estimator:
-            parts.append(f'{estimator.n_sweeps} sweeps estimated')
+            fields = estimator.fields
+            parts.append(f'{estimator.n_sweeps + (fields.n_sweeps if fields else 0)} sweeps estimated')
             parts += [f'{n} samples dropped: {why}' for why, n in estimator.assembler.dropped.items()]
+            if fields:
+                parts += [f'{n} fields dropped: {why}' for why, n in fields.assembler.dropped.items()]
             if n := estimator.unstamped.total():
                 parts.append(f'{n} samples without a stamp, the time of their arrival stood in')
         if self._system.bridge:
@@ -75,11 +78,13 @@ class Terminal:
         estimator = self._system.estimator
         if not estimator:
             return ''
-        received = dict(estimator.received)
+        # Of magnetometers where there are no IMUs.
+        only_fields = estimator.fields if not estimator.configuration.imus.ids else None
+        received = dict(only_fields.received if only_fields else estimator.received)
         elapsed = now - self._last
         rates = {
             i: max(0, received.get(i, 0) - self._received.get(i, 0)) / elapsed if elapsed else 0.0
-            for i in estimator.configuration.imus.ids
+            for i in (received if only_fields else estimator.configuration.imus.ids)
         }
         self._received = received
         return f'Hz {_line(rates, ".0f")}'
@@ -136,6 +141,8 @@ class Terminal:
         """Where the tip was that the plant or the virtual board plays, in the output frame; (3,), m."""
         if self._system.plant:
             return self._system.plant.tip_at(stamp_ns)
+        if self._system.field_source:
+            return self._system.field_source.tip_at(stamp_ns)
         board = next(iter(self._system.boards), None)
         if board is None or c.run.trial:  # the arm of a trial is no arcs: its truth is in the trial
             return None

@@ -16,6 +16,7 @@ from sesa2.faults import fault_line
 from sesa2.link.virtual.virtual_board import VirtualBoard
 from sesa2.nodes.calibration import CalibrationNode
 from sesa2.nodes.estimator import EstimatorNode
+from sesa2.nodes.field_source import FieldSource
 from sesa2.nodes.plant import PlantNode
 from sesa2.nodes.player import Player
 from sesa2.nodes.recorder import Recorder
@@ -137,7 +138,7 @@ class System:
                 'namespace': self.namespace,
                 'use_global_arguments': False,
             }
-            if configuration.run.source == 'sim':
+            if configuration.run.source == 'sim' and configuration.imus.all_ids:
                 boards = self._simulate(configuration)
                 serial = configuration.serial.on([board.path for board in boards])
                 served = replace(configuration, serial=serial)
@@ -156,6 +157,8 @@ class System:
 
     def _simulate(self, configuration: Configuration) -> list[VirtualBoard]:
         """Virtual boards, on an arm that racks drive where the configuration has one."""
+        if configuration.models_of('fields'):
+            raise Sesa2Error('run.source: sim plays an arm with IMUs or one with magnets, got one with both')
         if not configuration.has_plant:
             self.boards = make_virtual_boards(configuration)
             return self.boards
@@ -244,9 +247,10 @@ class System:
 
     @property
     def unheard(self) -> str:
-        """Why nothing was estimated from what others publish: no IMU was ever heard; empty where one was."""
+        """Why nothing was estimated from what others publish: no sensor was ever heard; empty where one was."""
         estimator = self.estimator
-        if not estimator or estimator.received or estimator.configuration.run.source != 'external':
+        heard = estimator and (estimator.received or (estimator.fields and estimator.fields.received))
+        if not estimator or heard or estimator.configuration.run.source != 'external':
             return ''
         return estimator.unheard
 
@@ -259,6 +263,11 @@ class System:
     def bridge(self) -> SerialBridge | None:
         """The serial bridge, where one runs."""
         return self._running(SerialBridge)
+
+    @property
+    def field_source(self) -> FieldSource | None:
+        """The simulated arm with magnets, where one runs."""
+        return self._running(FieldSource)
 
     @property
     def plant(self) -> PlantNode | None:
@@ -299,7 +308,9 @@ def _wanted(c: Configuration) -> list[Callable[..., ConfinedNode]]:
         wanted.append(EstimatorNode)
     if c.run.source == 'bag':
         wanted.append(Player)
-    if c.run.source in ('sim', 'serial'):
+    if c.has_field_source:
+        wanted.append(FieldSource)
+    if c.run.source in ('sim', 'serial') and c.imus.all_ids:
         if c.calibration.file:
             wanted.append(CalibrationNode)
         wanted.append(SerialBridge)

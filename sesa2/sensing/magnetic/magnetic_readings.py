@@ -15,6 +15,11 @@ from sesa2.shape.kinematics.segment_chain import SegmentChain
 from sesa2.shape.reading_predictor import Prediction, ReadingPredictor
 from sesa2.shape.rotations import IDENTITY, FloatArray, conjugate, cross, multiply, rotate, to_matrix
 
+# Said where gains and offsets are those of a drawing.
+UNCALIBRATED = (
+    'magnets and magnetometers are uncalibrated (every gain is 1, every offset 0): built as carefully as a workshop '
+    'does, three segments err by some 30 mm at the tip'
+)
 # Shapes by which the nearest distance in the workspace is found, and what is taken off for those that were not drawn.
 _DRAWN = 2000
 _MARGIN = 0.9
@@ -141,6 +146,8 @@ class MagneticReadings(ReadingPredictor):
         self._in_link = self._sensors_in_link()
         self._gains = magnetometers.gains[self.sensor_of]
         self._offsets = np.asarray(magnetometers.offsets, dtype=float)
+        if not self._offsets.any() and (magnetometers.gains == 1.0).all():
+            self.doubts = (UNCALIBRATED,)
         self.order = self._order() if order is None else order
         self._field = AxialField(
             np.array([magnet.moments(self.order) for magnet in magnets.magnets]),

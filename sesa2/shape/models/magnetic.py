@@ -106,6 +106,7 @@ class Magnetic(CurveModel[None]):
 
     name = 'magnetic'
     needs: tuple[str, ...] = ('fields',)
+    finds_lengths = True
     Options = MagneticOptions
 
     def __init__(self, layout: Layout, options: MagneticOptions):
@@ -120,8 +121,10 @@ class Magnetic(CurveModel[None]):
         apart = np.abs(inner[:, None] - ends).min(axis=-1, initial=np.inf) > 1e-6
         self._set_link_ends(np.sort(np.append(ends, inner[apart])))  # each link stretches with one segment
         self.kinematics = create_kinematics(options.kinematics, layout.segment_lengths)
+        self.coordinate_names = self.kinematics.coordinate_names
         limits = CoordinateLimits(self.kinematics, layout.bend_max, layout.stretch_limits)
         self.predictor = layout.readings(limits)
+        self.doubts = self.predictor.doubts
         names = self.kinematics.segment_coordinates
         self.length_columns = slice(names.index('length'), None, len(names))
         self._fitting = CoordinateFit(self.predictor)
@@ -169,6 +172,8 @@ class Magnetic(CurveModel[None]):
         steps = [self._filter.step(float(time), row, q) for time, row, q in rows]
         of = [np.array(each) for each in zip(*steps, strict=True)]
         coordinates, covariance, faults, information, doubtful = (a.reshape(*batch, *a.shape[1:]) for a in of)
+        nothing = (faults != ReadingFault.NONE).all(axis=-1)  # then it is but what was before, going on
+        coordinates[nothing], covariance[nothing] = np.nan, np.nan
         return MagneticBackbone(self, base, coordinates, covariance, faults, information, doubtful)
 
     def _precompute(self, s: FloatArray) -> None:
