@@ -1,4 +1,4 @@
-# make demo: set up and run the main job, on this machine alone · make test · make lint · make firmware-test · make bench · make accuracy · make magnetic · make venv: the set-up alone
+# make demo: set up and run the main job, on this machine alone · make test · make lint · make firmware-test · make bench · make accuracy · make magnetic · make loop · make venv: the set-up alone
 .DEFAULT_GOAL := help
 SHELL := /bin/bash
 VENV := .venv
@@ -8,7 +8,7 @@ PYTHON ?= $(shell for p in python3.12 python3.11 python3.13 python3.10 python3; 
 	$$p -c 'import sys; sys.exit(not (3, 10) <= sys.version_info[:2] <= (3, 13))' 2>/dev/null && echo $$p && break; done)
 EXTRAS := ros,viewer,report,sim,mocap,raw,test,lint
 
-.PHONY: help venv demo test lint firmware-test bench accuracy magnetic clean
+.PHONY: help venv demo test lint firmware-test bench accuracy magnetic loop clean
 help:
 	@sed -n 1p Makefile | cut -c3-
 
@@ -51,6 +51,10 @@ accuracy: venv
 # The paper's tables of shape from magnets, theirs beside ours, written into docs/magnetic.md.
 magnetic: venv
 	@OPENBLAS_NUM_THREADS=1 $(BIN)/python bench/magnetic_paper.py
+
+# The tip of simulated arms driven by what they feel, beside the paper's; writes docs/loop.md and docs/loop.png.
+loop: venv
+	@OPENBLAS_NUM_THREADS=1 $(BIN)/python bench/loop.py
 
 clean:
 	rm -rf $(VENV) build install log

@@ -12,9 +12,10 @@ from sesa2.shape.rotations import FloatArray
 FROZEN_S = 0.1
 _TURNED = 0.05
 _CARRIED = 0.15
-# Slip lets an IMU's bend follow that of the encoders by anything from nearly nothing to all of it, and a push moves it
-# besides. In the last seconds it may leave that by no more than this, rad; and where the encoders bent the segment by
-# more than this, it has to have followed by some share.
+# Slip lets an IMU's bend follow that of the encoders by anything from nearly nothing to all of it, and not the same in
+# all directions; errors of heading turn it against theirs, and a push moves it besides. In the last seconds it may have
+# gone this much farther than all that the encoders did, rad, there and back; and where they bent the segment by more
+# than this, it has to have followed by some share.
 WINDOW_S = 3.0
 DISAGREEMENT = 0.8
 _FOLLOWED = 0.03
@@ -79,12 +80,12 @@ class FeedbackWatch:
         self._bends.append((now, by_imu, by_encoders))
         while now - self._bends[0][0] > WINDOW_S:
             self._bends.popleft()
-        past = list(self._bends)
-        went = by_imu - np.array([imu for _, imu, _ in past])
-        driven = by_encoders - np.array([encoders for _, _, encoders in past])
-        way = (driven**2).sum(axis=-1)
-        share = np.clip((went * driven).sum(axis=-1) / np.maximum(way, 1e-12), 0.0, 1.0)
-        astray = np.linalg.norm(went - share[..., None] * driven, axis=-1)
+        imu, encoders = (np.array(of) for of in list(zip(*self._bends, strict=True))[1:])
+        went, way = by_imu - imu, ((by_encoders - encoders) ** 2).sum(axis=-1)
+        # What racks slip on the way stays where they come back, so the whole way counts.
+        strides = np.linalg.norm(np.diff(encoders, axis=0), axis=-1)
+        path = np.concatenate([np.cumsum(strides[::-1], axis=0)[::-1], np.zeros((1, len(by_imu)))])
+        astray = np.linalg.norm(went, axis=-1) - path
         far = way > DISAGREEMENT**2
         excursion = np.maximum.accumulate((went**2).sum(axis=-1)[::-1])[::-1]  # since then, and now
         still = far & (excursion < _FOLLOWED**2 * way)
@@ -97,8 +98,8 @@ class FeedbackWatch:
         elif (astray > DISAGREEMENT).any():
             _, k = np.unravel_index(int(np.argmax(astray)), astray.shape)
             self._say(
-                f'segment {k + 1}: within {WINDOW_S:g} s its bend by IMU went {astray.max():.1f} rad beside what the '
-                f'encoders say (at most {DISAGREEMENT:g}): an IMU is loose'
+                f'segment {k + 1}: within {WINDOW_S:g} s its bend by IMU went {astray.max():.1f} rad farther than by '
+                f'the encoders (at most {DISAGREEMENT:g}): an IMU is loose'
             )
 
     def hear_lengths(self, now: float, stamp_ns: int, bends: FloatArray) -> None:

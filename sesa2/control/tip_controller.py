@@ -138,8 +138,16 @@ class TipController:
             self.state = self._running()
 
     def hear_estimate(self, now: float, stamp_ns: int, tip: ArrayLike, coordinates: ArrayLike) -> None:
-        """The shape by the model that is fed back: tip, (3,), m in base_link, and coordinates, (3 m,), rad and m."""
-        p, q = np.asarray(tip, dtype=float), np.asarray(coordinates, dtype=float)
+        """The shape by the model that is fed back: tip, (3,), m in base_link, and coordinates, (k m,), rad and m.
+
+        Of each segment bend_x and bend_y come first and the length last, whatever the model has between them.
+        """
+        p = np.asarray(tip, dtype=float)
+        q = (
+            np.asarray(coordinates, dtype=float)
+            .reshape(self._backbones.n_segments, -1)[:, [0, 1, -1]]
+            .ravel()
+        )
         if np.isfinite(p).all() and np.isfinite(q).all():
             self.watch.hear_tip(now, stamp_ns, p, q.reshape(-1, 3)[:, :2])
             self._feedback = TipFeedback(p, q)

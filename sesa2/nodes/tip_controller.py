@@ -66,6 +66,7 @@ class TipControllerNode(ConfinedNode):
         self._intake = LengthIntake.of(c)
         self._tips: dict[int, FloatArray] = {}
         self._coordinates: dict[int, FloatArray] = {}
+        self._n_coordinates = len(c.create_model(c.controller.model).coordinate_names)
         self._frame = c.frame('base_link')
         self._refused = Counter[str]()
         self._last_refused = 0
@@ -127,12 +128,10 @@ class TipControllerNode(ConfinedNode):
             for kept in (self._tips, self._coordinates):
                 for old in [s for s in kept if s <= stamp_ns]:
                     del kept[old]
-            if len(coordinates) == len(self.controller.reach.scale):
+            if len(coordinates) == self._n_coordinates:
                 self.controller.hear_estimate(time.monotonic(), stamp_ns, tip, coordinates)
             else:
-                self._refuse(
-                    'coordinates', f'{len(coordinates)} numbers, expected {len(self.controller.reach.scale)}'
-                )
+                self._refuse('coordinates', f'{len(coordinates)} numbers, expected {self._n_coordinates}')
         elif len(mine) > 2 * STREAM.depth:
             mine.clear()  # one of the two topics is not there: told by the estimate that does not come
 

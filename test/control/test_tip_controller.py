@@ -143,6 +143,44 @@ def test_a_minute_of_motion_and_rest_is_no_fault(plant):
         assert arm.controller.state is ControlState.RUNNING, arm.controller.reason
 
 
+@pytest.mark.parametrize('seed', [1001, 2002])
+def test_headings_that_turn_the_bend_are_no_fault(seed):
+    # Three times the errors of a BNO055: what the IMUs bend by is turned by 30° against what the encoders do.
+    arm = running(HEAVY, seed=seed, owner='shared')
+    for target in ([0.0, -0.08, 0.12], [-0.03, 0.01, 0.22], [0.08, 0.06, 0.17], [-0.08, 0.04, 0.16]):
+        arm.go(target, 4.0)
+        assert arm.controller.state is ControlState.RUNNING, arm.controller.reason
+
+
+def test_an_imu_that_turns_while_the_encoders_rest():
+    arm = running()
+    arm.go(TARGET, 4.0)
+    watch, now, stamp = arm.controller.watch, arm.t, arm.k * 10_000_000
+    bends = arm.controller._feedback.coordinates[:2]
+    for k in range(1, 200):  # slower than a jump, farther than a push
+        watch.hear_lengths(now + k * DT, stamp + k * 10_000_000, watch._encoders)
+        watch.hear_tip(now + k * DT, stamp + k * 10_000_000, watch._tip, (bends + [0.0, -0.01 * k])[None])
+        if reason := watch.fault(now + k * DT):
+            break
+    assert 'an IMU is loose' in reason
+    assert 79 < k < 87
+
+
+def test_of_a_model_with_more_coordinates_bend_and_length_are_taken():
+    arm = running()
+    arm.controller.hear_target(TARGET)
+    hear = arm.controller.hear_estimate
+
+    def of_affine(now, stamp, tip, q):
+        hear(now, stamp, tip, [q[0], q[1], -0.6 * q[0], -0.6 * q[1], q[2]])
+        np.testing.assert_array_equal(arm.controller._feedback.coordinates, q)
+
+    arm.controller.hear_estimate = of_affine
+    arm.run(4.0)
+    assert arm.controller.state is ControlState.RUNNING
+    assert np.linalg.norm(arm.tip_estimated - TARGET) < 0.005
+
+
 def test_stamps_that_stand_still_are_no_news():
     arm = running()
     arm.go(TARGET, 0.5)
