@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from sesa2.shape.options import parameter
 
 LAWS = ('rates', 'paper')
+PATHS = ('direct', 'unbent')
 OUTPUTS = ('joint_trajectory', 'float64_array')
 
 
@@ -15,6 +16,11 @@ class ControllerOptions:
     model: str = parameter('pcc_delta', 'shape model whose tip is fed back')
     law: str = parameter(
         'rates', 'how the error becomes a motion: rates (resolved rates) or paper', choices=LAWS
+    )
+    path: str = parameter(
+        'direct',
+        'how the tip is led to a target: direct, or unbent (straighten, change the length, bend: racks slip less)',
+        choices=PATHS,
     )
     output: str = parameter(
         'joint_trajectory', 'type of `command`: a trajectory of one point, or bare numbers', choices=OUTPUTS

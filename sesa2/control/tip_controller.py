@@ -9,6 +9,7 @@ from sesa2.control.controller_options import ControllerOptions
 from sesa2.control.feedback_watch import FeedbackWatch
 from sesa2.control.reach import Reach, Reached
 from sesa2.control.tip_laws import TipFeedback, create_law
+from sesa2.control.tip_path import TipPath
 from sesa2.control.tip_reference import TipReference
 from sesa2.errors import Sesa2Error
 from sesa2.sensing.lengths import BackboneLengths
@@ -101,6 +102,7 @@ class TipController:
         self.watch = FeedbackWatch(options.feedback_timeout, options.tip_speed, places)
         self._law = create_law(options, self.reach)
         self._reference = TipReference(options.tip_speed)
+        self._path = TipPath(options.path == 'unbent', self.reach, options.tip_speed)
         self.state, self.reason = ControlState.STOPPED, ''
         self.target: FloatArray | None = None
         self.reached: Reached | None = None
@@ -231,7 +233,10 @@ class TipController:
         if self._command is None:
             self._begin()
         assert self._command is not None
-        self._reference.advance(self._reference.position if self.reached is None else self.reached.point, dt)
+        to = self._reference.position
+        if self.reached is not None:
+            to = self._path.point(self.reached, self._feedback.tip, self._command, dt)
+        self._reference.advance(to, dt)
         wanted = self._law.advance(self._reference, self._feedback, dt)
         if not np.isfinite(wanted).all():
             return self._hold('the law gave no number: the shape is singular')
@@ -256,6 +261,7 @@ class TipController:
         lengths, bends = self._backbones.read(self._measured)
         self._command = np.column_stack([bends, lengths]).ravel()
         self._reference.reset(self._feedback.tip)
+        self._path.begin()
         self._law.reset(self._command)
 
     def _allowed(self, wanted: FloatArray) -> FloatArray:

@@ -159,11 +159,24 @@ def test_an_imu_that_turns_while_the_encoders_rest():
     bends = arm.controller._feedback.coordinates[:2]
     for k in range(1, 200):  # slower than a jump, farther than a push
         watch.hear_lengths(now + k * DT, stamp + k * 10_000_000, watch._encoders)
-        watch.hear_tip(now + k * DT, stamp + k * 10_000_000, watch._tip, (bends + [0.0, -0.01 * k])[None])
+        watch.hear_tip(now + k * DT, stamp + k * 10_000_000, watch._tip, bends[None] - [0.0, 0.01 * k])
         if reason := watch.fault(now + k * DT):
             break
     assert 'an IMU is loose' in reason
     assert 79 < k < 87
+
+
+def test_unbent_it_lengthens_while_it_is_straight():
+    # Racks slip where the arm is bent, and what they slip in common nobody sees: it is the error of length.
+    slips = {}
+    for path in ('direct', 'unbent'):
+        arm = running(seed=7, path=path)
+        for target in ([0.09, 0.03, 0.12], [0.08, 0.05, 0.18]):
+            arm.go(target, 9.0)
+            assert arm.controller.state is ControlState.RUNNING, arm.controller.reason
+            assert np.linalg.norm(arm.tip_estimated - target) < 0.005
+        slips[path] = arm.plant.encoders.mean() - arm.plant.lengths[0]
+    assert abs(slips['unbent']) < 0.4 * abs(slips['direct'])
 
 
 def test_of_a_model_with_more_coordinates_bend_and_length_are_taken():
