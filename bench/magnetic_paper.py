@@ -14,9 +14,9 @@ sys.path.append(str(Path(__file__).parents[1] / 'test'))
 
 from paper_arm import EARTH, NOISE, SIMULATED, PaperArm, as_in_the_paper, errors, flower, lemniscate
 
-from sesa2.sensing.magnetic.build_parameters import BuildErrors, BuildParameters
-from sesa2.sensing.magnetic.magnet_calibration import calibrate_magnets
-from sesa2.sensing.magnetic.magnetic_readings import MagneticReadings
+from sesa2.sensing.magnetometry.build_parameters import BuildErrors, BuildParameters
+from sesa2.sensing.magnetometry.magnet_calibration import calibrate_magnets
+from sesa2.sensing.magnetometry.magnetic_readings import MagneticReadings
 from sesa2.shape.coordinate_fit import CoordinateFit
 
 ROOT = Path(__file__).resolve().parents[1]

@@ -5,8 +5,8 @@ import pytest
 from scipy.integrate import quad_vec
 from scipy.spatial.transform import Rotation
 
-from sesa2.sensing.magnetic.magnetic_readings import MagneticReadings, MagnetometerPlaces, MagnetPlaces
-from sesa2.sensing.magnetic.ring_magnet import RingMagnet
+from sesa2.sensing.magnetometry.magnetic_readings import MagneticReadings, MagnetometerPlaces, MagnetPlaces
+from sesa2.sensing.magnetometry.ring_magnet import RingMagnet
 from sesa2.shape.kinematics import create_kinematics
 from sesa2.shape.kinematics.coordinate_limits import CoordinateLimits
 

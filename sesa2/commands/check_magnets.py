@@ -6,7 +6,7 @@ from sesa2.commands.arguments import warn
 from sesa2.configuration import Configuration
 from sesa2.configuration.description import table
 from sesa2.errors import Sesa2Error
-from sesa2.sensing.magnetic.magnet_survey import MagnetSurvey, survey_magnets
+from sesa2.sensing.magnetometry.magnet_survey import MagnetSurvey, survey_magnets
 from sesa2.shape.models.magnetic import Magnetic
 
 # A swing of so few times the noise tells little.

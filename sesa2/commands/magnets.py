@@ -17,10 +17,10 @@ from sesa2.shape.models.magnetic import Magnetic
 if TYPE_CHECKING:
     from sesa2.bags.magnetometer_log import MagnetometerLog
     from sesa2.evaluation.known_shapes import KnownShapes
-    from sesa2.sensing.magnetic.build_parameters import BuildErrors
-    from sesa2.sensing.magnetic.magnet_calibration import MagnetCalibration
-    from sesa2.sensing.magnetic.magnetic_readings import MagneticReadings
-    from sesa2.sensing.magnetic.ring_magnet import RingMagnet
+    from sesa2.sensing.magnetometry.build_parameters import BuildErrors
+    from sesa2.sensing.magnetometry.magnet_calibration import MagnetCalibration
+    from sesa2.sensing.magnetometry.magnetic_readings import MagneticReadings
+    from sesa2.sensing.magnetometry.ring_magnet import RingMagnet
 
 # Of what is left over what is expected: more is doubtful, or no calibration of these magnets.
 _DOUBTFUL, _REFUSED = 3.0, 20.0
@@ -103,9 +103,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Calibrate, report, write."""
     from sesa2.bags.magnetometer_log import read_magnetometers
-    from sesa2.sensing.magnetic.build_parameters import USUAL_BUILD
-    from sesa2.sensing.magnetic.held_readings import refuse_unlike
-    from sesa2.sensing.magnetic.magnet_calibration import calibrate_magnets
+    from sesa2.sensing.magnetometry.build_parameters import USUAL_BUILD
+    from sesa2.sensing.magnetometry.held_readings import refuse_unlike
+    from sesa2.sensing.magnetometry.magnet_calibration import calibrate_magnets
 
     c = load_config(options)
     if options.out.exists():
@@ -211,9 +211,9 @@ def _with_fitted_magnet(
     c: Configuration, predictor: 'MagneticReadings', shapes: 'KnownShapes', before: 'BuildErrors'
 ) -> 'MagneticReadings':
     """With the ring whose field the readings show, whatever else of the build is off."""
-    from sesa2.sensing.magnetic.build_parameters import BuildParameters
-    from sesa2.sensing.magnetic.magnetic_readings import MagneticReadings
-    from sesa2.sensing.magnetic.moment_fit import fit_moments, ring_of_moments
+    from sesa2.sensing.magnetometry.build_parameters import BuildParameters
+    from sesa2.sensing.magnetometry.magnetic_readings import MagneticReadings
+    from sesa2.sensing.magnetometry.moment_fit import fit_moments, ring_of_moments
 
     n = len(shapes.coordinates)
     if n < _FEW_SHAPES:

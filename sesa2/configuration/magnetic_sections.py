@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from sesa2.sensing.magnetic.magnetic_readings import MagneticReadings, MagnetometerPlaces, MagnetPlaces
-from sesa2.sensing.magnetic.ring_magnet import RingMagnet
+from sesa2.sensing.magnetometry.magnetic_readings import MagneticReadings, MagnetometerPlaces, MagnetPlaces
+from sesa2.sensing.magnetometry.ring_magnet import RingMagnet
 from sesa2.shape.arm import GeometryError
 from sesa2.shape.kinematics.coordinate_limits import CoordinateLimits
 from sesa2.shape.options import parameter

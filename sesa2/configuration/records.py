@@ -19,7 +19,7 @@ from sesa2.plant.plant_options import PlantOptions
 from sesa2.plant.simulated_arm import Plant
 from sesa2.sensing.imu.error_model import Bno055Errors
 from sesa2.sensing.lengths import BackboneLengths
-from sesa2.sensing.magnetic.magnetic_readings import MagneticReadings
+from sesa2.sensing.magnetometry.magnetic_readings import MagneticReadings
 from sesa2.shape.arm import Arm, GeometryError
 from sesa2.shape.layout import Layout
 from sesa2.shape.model import Model

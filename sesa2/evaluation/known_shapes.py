@@ -13,8 +13,8 @@ from sesa2.evaluation.measured_instants import distinct
 from sesa2.evaluation.screening import screen
 from sesa2.evaluation.time_offset import find_time_offset
 from sesa2.evaluation.trajectory import Trajectory
-from sesa2.sensing.magnetic.held_readings import held_readings
-from sesa2.sensing.magnetic.magnetic_readings import MagneticReadings
+from sesa2.sensing.magnetometry.held_readings import held_readings
+from sesa2.sensing.magnetometry.magnetic_readings import MagneticReadings
 from sesa2.shape.coordinate_fit import CoordinateFit
 from sesa2.shape.observability import UNTOLD
 from sesa2.shape.point_predictor import PointPredictor

@@ -7,7 +7,7 @@ import numpy as np
 
 from sesa2.configuration import Configuration
 from sesa2.errors import Sesa2Error
-from sesa2.sensing.magnetic.build_parameters import USUAL_BUILD, BuildErrors, BuildParameters
+from sesa2.sensing.magnetometry.build_parameters import USUAL_BUILD, BuildErrors, BuildParameters
 from sesa2.shape.models.magnetic import Magnetic
 from sesa2.shape.rotations import FloatArray
 

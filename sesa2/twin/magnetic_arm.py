@@ -6,7 +6,7 @@ import numpy as np
 
 from sesa2.configuration import Configuration
 from sesa2.errors import Sesa2Error
-from sesa2.sensing.magnetic.magnetic_readings import MagneticReadings
+from sesa2.sensing.magnetometry.magnetic_readings import MagneticReadings
 from sesa2.shape.kinematics.coordinate_limits import CoordinateLimits
 from sesa2.shape.models.magnetic import Magnetic
 from sesa2.shape.rotations import FloatArray, from_rotation_vector, multiply

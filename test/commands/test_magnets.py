@@ -10,8 +10,8 @@ from sesa2.bags.writing import new_bag
 from sesa2.cli import main
 from sesa2.configuration import files
 from sesa2.messages.field_messages import FIELD_TYPE, FieldMessages
-from sesa2.sensing.magnetic.magnetic_readings import MagneticReadings
-from sesa2.sensing.magnetic.ring_magnet import RingMagnet
+from sesa2.sensing.magnetometry.magnetic_readings import MagneticReadings
+from sesa2.sensing.magnetometry.ring_magnet import RingMagnet
 from sesa2.shape.coordinate_fit import CoordinateFit
 from sesa2.shape.rotations import from_rotation_vector, multiply
 

@@ -10,8 +10,8 @@ from sesa2.cli import main
 from sesa2.configuration import files, validate
 from sesa2.errors import Sesa2Error
 from sesa2.evaluation.magnetic_budget import BUILD, MICROTESLA, NOISE, STRAIGHT, draw_magnetic_budget
-from sesa2.sensing.magnetic.build_parameters import USUAL_BUILD, BuildErrors, BuildParameters
-from sesa2.sensing.magnetic.magnet_calibration import calibrate_magnets
+from sesa2.sensing.magnetometry.build_parameters import USUAL_BUILD, BuildErrors, BuildParameters
+from sesa2.sensing.magnetometry.magnet_calibration import calibrate_magnets
 from sesa2.shape.coordinate_fit import CoordinateFit
 
 # So small that all is linear.

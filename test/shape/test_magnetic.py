@@ -9,7 +9,7 @@ from paper_arm import NOISE, PaperArm, errors, flower, lemniscate
 from scipy.spatial.transform import Rotation
 
 from sesa2.configuration import files
-from sesa2.sensing.magnetic.magnetic_readings import MagneticReadings
+from sesa2.sensing.magnetometry.magnetic_readings import MagneticReadings
 from sesa2.shape.arm import Arm, GeometryError
 from sesa2.shape.layout import Layout
 from sesa2.shape.measured import Measured

@@ -5,8 +5,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from sesa2.sensing.magnetic.build_parameters import USUAL_BUILD, BuildErrors, BuildParameters
-from sesa2.sensing.magnetic.magnetic_readings import MagneticReadings
+from sesa2.sensing.magnetometry.build_parameters import USUAL_BUILD, BuildErrors, BuildParameters
+from sesa2.sensing.magnetometry.magnetic_readings import MagneticReadings
 from sesa2.shape.arm import GeometryError
 from sesa2.shape.rotations import IDENTITY, FloatArray
 

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sesa2.sensing.magnetic.magnetic_readings import MagneticReadings
+from sesa2.sensing.magnetometry.magnetic_readings import MagneticReadings
 from sesa2.shape.observability import UNTOLD, UntoldDirection, untold_directions
 from sesa2.shape.rotations import FloatArray
 

@@ -5,8 +5,8 @@ import pytest
 from scipy.integrate import quad
 from scipy.special import eval_legendre
 
-from sesa2.sensing.magnetic.axial_field import AxialField
-from sesa2.sensing.magnetic.ring_magnet import HIGHEST_ORDER, TOLERANCE, RingMagnet
+from sesa2.sensing.magnetometry.axial_field import AxialField
+from sesa2.sensing.magnetometry.ring_magnet import HIGHEST_ORDER, TOLERANCE, RingMagnet
 from sesa2.shape.arm import GeometryError
 
 magpylib = pytest.importorskip('magpylib', reason='magpylib is not installed')

@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sesa2.sensing.magnetic.magnetic_readings import MagneticReadings
+from sesa2.sensing.magnetometry.magnetic_readings import MagneticReadings
 from sesa2.shape.rotations import FloatArray, conjugate, from_rotation_vector, multiply
 
 # Steps of the differences: m, rad, of a strength.

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from paper_arm import REAL, PaperArm
 
-from sesa2.sensing.magnetic.axial_field import AxialField
-from sesa2.sensing.magnetic.magnet_survey import survey_magnets
-from sesa2.sensing.magnetic.ring_magnet import RingMagnet
+from sesa2.sensing.magnetometry.axial_field import AxialField
+from sesa2.sensing.magnetometry.magnet_survey import survey_magnets
+from sesa2.sensing.magnetometry.ring_magnet import RingMagnet
 
 
 def drawn(arm):

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from sesa2.sensing.magnetic.axial_field import AxialField
-from sesa2.sensing.magnetic.ring_magnet import RingMagnet
+from sesa2.sensing.magnetometry.axial_field import AxialField
+from sesa2.sensing.magnetometry.ring_magnet import RingMagnet
 from sesa2.shape.arm import GeometryError
 from sesa2.shape.kinematics.coordinate_limits import CoordinateLimits
 from sesa2.shape.kinematics.segment_chain import SegmentChain

@@ -7,8 +7,8 @@ import pytest
 from paper_arm import EARTH, REAL, SIMULATED, PaperArm, flower, lemniscate
 from scipy.spatial.transform import Rotation
 
-from sesa2.sensing.magnetic.magnetic_readings import MagneticReadings, MagnetPlaces
-from sesa2.sensing.magnetic.ring_magnet import HIGHEST_ORDER, RingMagnet
+from sesa2.sensing.magnetometry.magnetic_readings import MagneticReadings, MagnetPlaces
+from sesa2.sensing.magnetometry.ring_magnet import HIGHEST_ORDER, RingMagnet
 from sesa2.shape.arm import GeometryError
 from sesa2.shape.kinematics import create_kinematics
 from sesa2.shape.kinematics.coordinate_limits import CoordinateLimits

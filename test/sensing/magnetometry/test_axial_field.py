@@ -5,8 +5,8 @@ import pytest
 from scipy.integrate import quad
 from scipy.special import ellipe, ellipk
 
-from sesa2.sensing.magnetic.axial_field import AxialField
-from sesa2.sensing.magnetic.ring_magnet import RingMagnet
+from sesa2.sensing.magnetometry.axial_field import AxialField
+from sesa2.sensing.magnetometry.ring_magnet import RingMagnet
 
 PAPER = RingMagnet(0.006, 0.012, 0.006, 1.45)
 DISC = RingMagnet(0.0, 0.010, 0.003, -1.2)

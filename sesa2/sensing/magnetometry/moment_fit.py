@@ -6,9 +6,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from sesa2.sensing.magnetic.axial_field import AxialField
-from sesa2.sensing.magnetic.magnetic_readings import MagneticReadings
-from sesa2.sensing.magnetic.ring_magnet import RingMagnet
+from sesa2.sensing.magnetometry.axial_field import AxialField
+from sesa2.sensing.magnetometry.magnetic_readings import MagneticReadings
+from sesa2.sensing.magnetometry.ring_magnet import RingMagnet
 from sesa2.shape.arm import GeometryError
 from sesa2.shape.rotations import IDENTITY, FloatArray
 

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from paper_arm import EARTH, NOISE, REAL, SIMULATED, PaperArm, errors, lemniscate
 
-from sesa2.sensing.magnetic.axial_field import AxialField
-from sesa2.sensing.magnetic.build_parameters import BuildErrors, BuildParameters
-from sesa2.sensing.magnetic.moment_fit import fit_moments, ring_of_moments
-from sesa2.sensing.magnetic.ring_magnet import RingMagnet
+from sesa2.sensing.magnetometry.axial_field import AxialField
+from sesa2.sensing.magnetometry.build_parameters import BuildErrors, BuildParameters
+from sesa2.sensing.magnetometry.moment_fit import fit_moments, ring_of_moments
+from sesa2.sensing.magnetometry.ring_magnet import RingMagnet
 from sesa2.shape.arm import GeometryError
 from sesa2.shape.coordinate_fit import CoordinateFit
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from paper_arm import NOISE, PaperArm, errors, lemniscate
 
-from sesa2.sensing.magnetic.build_parameters import BuildErrors, BuildParameters
-from sesa2.sensing.magnetic.magnet_calibration import calibrate_magnets
-from sesa2.sensing.magnetic.magnetic_readings import MagneticReadings
+from sesa2.sensing.magnetometry.build_parameters import BuildErrors, BuildParameters
+from sesa2.sensing.magnetometry.magnet_calibration import calibrate_magnets
+from sesa2.sensing.magnetometry.magnetic_readings import MagneticReadings
 from sesa2.shape.arm import GeometryError
 from sesa2.shape.coordinate_fit import CoordinateFit
 from sesa2.shape.rotations import from_rotation_vector, multiply
