@@ -127,16 +127,22 @@ def test_the_ball_is_dragged_and_the_controller_takes_it(arm, shown):
     shown.press('Start the tip')
     shown.page.get_by_text('● running').wait_for()
     assert arm.controller.target is None
-    x, y, _ = shown.until(lambda: (w := shown.where(upward))[2] > 30 and w, 'the arrow')
     mouse = shown.page.mouse
-    mouse.move(x, y)
-    shown.page.wait_for_timeout(500)  # the arrow knows of the mouse only with a frame
-    mouse.down()
-    for k in range(1, 21):
-        mouse.move(x, y - 2.0 * k)
-        shown.page.wait_for_timeout(30)
-    mouse.up()
-    shown.until(lambda: arm.controller.target is not None, 'the target')
+
+    def dragged():
+        """The panel may still change its width, and what is seen moves with it."""
+        x, y, _ = shown.until(lambda: (w := shown.where(upward))[2] > 30 and w, 'the arrow')
+        mouse.move(x, y)
+        shown.page.wait_for_timeout(500)  # the arrow knows of the mouse only with a frame
+        mouse.down()
+        for k in range(1, 21):
+            mouse.move(x, y - 2.0 * k)
+            shown.page.wait_for_timeout(30)
+        mouse.up()
+        shown.page.wait_for_timeout(500)
+        return arm.controller.target is not None
+
+    shown.until(dragged, 'the target', tries=5)
     before = -1
 
     def rests():
