@@ -74,6 +74,7 @@ class PlantNode(ConfinedNode):
         self.n_commands = 0
         self.refused: Counter[str] = Counter()
         self._last_refused = self._n_commanders = 0
+        self._said_at = -1.0
         self._wall = WallClock()
         plant = self._live.plant
         ends = np.linspace(0.0, plant.segment_lengths.sum(), c.links + 1)
@@ -156,6 +157,9 @@ class PlantNode(ConfinedNode):
 
     def _publish_lengths(self) -> None:
         at, lengths = self._live.said_lengths()
+        if at == self._said_at:  # the timer was early or late: no step has been made since
+            return
+        self._said_at = at
         message = JointState(name=list(self.configuration.lengths.names), position=lengths.tolist())
         message.header.stamp.sec, message.header.stamp.nanosec = divmod(self._stamp_ns(at), NS)
         self._lengths_publisher.publish(message)
