@@ -46,12 +46,12 @@ def system(boards, request):
         latest=Estimator(c).estimate([sweep]),
         received={2: 10, 5: 20},
         n_sweeps=10,
+        fields=None,
         assembler=SimpleNamespace(dropped={'norm is not 1': 3}),
         unstamped=Counter({2: 4}),
     )
-    return SimpleNamespace(
-        estimator=estimator, boards=[board], plant=None, bridge=None, calibration=None, tip_controller=None
-    )
+    absent = dict.fromkeys(('plant', 'field_source', 'bridge', 'calibration', 'tip_controller'))
+    return SimpleNamespace(estimator=estimator, boards=[board], **absent)
 
 
 SETTINGS = [('base', 0), ('world', 0), ('base', 8), ('world', 8)]
@@ -120,6 +120,7 @@ def racked(**plant):
     return SimpleNamespace(
         estimator=None,
         boards=[],
+        field_source=None,
         plant=SimpleNamespace(open_loop_arm=lambda: (arm, names)),
         bridge=SimpleNamespace(imus=dict, links=[]),
         calibration=None,
