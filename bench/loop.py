@@ -285,13 +285,10 @@ tip on average; the reconstruction errs by 2.7 ± 1.2 cm.
 """
 
 WHICH_LAW = """
-What the racks slip in common no orientation tells, so it stays as an error of length, whatever the law. They slip where
-the arm is bent: what counts is the way there. Bent before it lengthens is worst; straightened before the length changes
-(`path: unbent`) is best, and then the two laws hardly differ. Under `path: direct` the law `paper` closes the length
-before the slipping bend, and so slips less in common than `rates`, which keeps both in step.
-
-`rates` with `path: direct` follows a target that moves and is calm; `path: unbent` ends nearer and takes longer; where
-a length is measured the way there is indifferent.
+What the racks slip in common no orientation tells, so it stays as an error of length. They slip where the arm is bent:
+the way there counts far more than the law. Led directly, `paper` slips less in common than `rates`, as it closes the
+length before the slipping bend; which of them ends nearer differs from arm to arm. `rates` with `path: direct` suits
+targets that move; `path: unbent` goes by way of the straight arm and takes longer.
 """
 
 
