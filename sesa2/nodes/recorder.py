@@ -12,10 +12,12 @@ from sensor_msgs.msg import Imu, JointState, MagneticField
 from sesa2_msgs.msg import ImuCalibration
 from std_msgs.msg import String
 
+from sesa2.bags.stream_gaps import StreamGaps
 from sesa2.bags.writing import record
 from sesa2.configuration import ConfigurationError, Mistake, files
 from sesa2.errors import Sesa2Error
 from sesa2.messages.field_messages import FIELD_TYPE
+from sesa2.messages.header_bytes import read_stamp
 from sesa2.messages.imu_messages import without_acceleration
 from sesa2.messages.length_messages import LENGTHS_TYPE
 from sesa2.messages.results import TYPES
@@ -32,11 +34,14 @@ from sesa2.messages.truth_messages import TRUTH_TYPES
 from sesa2.ros.confined_node import ConfinedNode
 from sesa2.ros.diagnostics import ERROR, OK, WARN, Diagnostics, Part
 from sesa2.ros.parameters import declare_configuration
-from sesa2.ros.qos import ANY_BURSTS, BURSTS, EVERY_LATCHED, STREAM
+from sesa2.ros.qos import ANY_BURSTS, BURSTS, EVERY_LATCHED
 from sesa2.ros.spinning import run_alone
 
 # Half a second is the most that a kill may cost, and a little.
 _FLUSH_PERIOD_S = 0.4
+# A message of so many bytes begins with a stamp.
+_STAMPED = 12
+_NAMED = 3
 _RESULTS = {
     'joint_states': JointState,
     'coordinates': JointState,
@@ -70,6 +75,7 @@ class Recorder(ConfinedNode):
             )
         self.n_messages = self.n_damaged = 0
         self._stripped: set[int] = set()  # topics whose acceleration is not wanted
+        self._gaps: dict[str, StreamGaps] = {}
         self._bag = record(c.record.file)
         self.path = self._bag.path
         self._write(
@@ -93,13 +99,13 @@ class Recorder(ConfinedNode):
         if c.has_plant or c.has_field_source:
             for topic, type_name in TRUTH_TYPES.items():
                 kind = _RESULTS.get(topic.rpartition('/')[2], JointState)
-                self._subscribe(kind, type_name, topic, STREAM)
+                self._subscribe(kind, type_name, topic, BURSTS)
         if c.record.results:
             for model in c.models:
                 for kind, cls in _RESULTS.items():
                     if kind == 'coordinates' and not c.create_model(model).coordinate_names:
                         continue
-                    self._subscribe(cls, TYPES[kind], of_model(model, kind), STREAM)
+                    self._subscribe(cls, TYPES[kind], of_model(model, kind), BURSTS)
         self._timer = self.create_timer(_FLUSH_PERIOD_S, self._flush)
         self._diagnostics = Diagnostics(self, str(self.path), self._report)
         self.get_logger().info(f'recording into {self.path}')
@@ -107,6 +113,16 @@ class Recorder(ConfinedNode):
     def close(self) -> None:
         """Make the bag whole."""
         self._bag.close()
+        if lack := self.lack:
+            self.get_logger().warning(f'{self.path}: {lack}')
+
+    @property
+    def lack(self) -> str:
+        """Which topics have gaps, by their stamps: never sent, lost, or too many at once; empty where none has."""
+        found = [(gaps.n_missing, topic) for topic, gaps in self._gaps.items() if gaps.n_missing]
+        most = ', '.join(f'{topic} {n}' for n, topic in sorted(found, reverse=True)[:_NAMED])
+        more = f' and {len(found) - _NAMED} more topics' if len(found) > _NAMED else ''
+        return f'messages missing by the stamps: {most}{more}' if found else ''
 
     def _absolute(self, topic: str) -> str:
         return self.resolve_topic_name(topic)
@@ -117,7 +133,16 @@ class Recorder(ConfinedNode):
         # What is fused on the host is wanted when the recording is replayed.
         if kind is Imu and not c.record.acceleration and c.imus.fusion == 'none':
             self._stripped.add(number)
-        self.create_subscription(kind, topic, functools.partial(self._write, number), qos, raw=True)
+        write = functools.partial(self._write, number)
+        if qos is not EVERY_LATCHED:
+            self._gaps[topic] = StreamGaps()
+            write = functools.partial(self._write_stream, number, self._gaps[topic])
+        self.create_subscription(kind, topic, write, qos, raw=True)
+
+    def _write_stream(self, number: int, gaps: StreamGaps, data: bytes) -> None:
+        if len(data) >= _STAMPED:
+            gaps.take(read_stamp(data))
+        self._write(number, data)
 
     def _write(self, number: int, data: bytes) -> None:
         if number in self._stripped:
@@ -148,6 +173,8 @@ class Recorder(ConfinedNode):
                 WARN,
                 f'{text}; {self.n_damaged} messages of IMUs are cut short, recorded as they came',
             )
+        if (lack := self.lack) and not self.failure:
+            level, text = WARN, f'{text}; {lack}'
         return [('bag', level, text, {'messages': self.n_messages, 'damaged': self.n_damaged})]
 
 

@@ -7,6 +7,7 @@ import time
 import numpy as np
 import pytest
 from processes import command, failed_clearly, node
+from rclpy.qos import QoSProfile
 from sensor_msgs.msg import Imu
 from sesa2_msgs.msg import ImuCalibration
 from virtual_arms import arm_of
@@ -93,6 +94,30 @@ def stamp_ns(message):
     """Stamp of the header, with which all but texts begin."""
     seconds, nanoseconds = np.frombuffer(message.data[4:12], np.uint32).tolist()
     return seconds * 10**9 + nanoseconds
+
+
+def test_what_a_queue_could_not_hold_is_told(graph, configured, tmp_path):
+    """2000 messages come while nothing is taken from the queue, which holds 1000."""
+    recorder = graph.add(Recorder(parameter_overrides=configured(values(tmp_path / 'bag', results=False))))
+    diagnosis = graph.diagnosis()
+    logs = graph.listen_to_logs()
+    publisher = graph.probe.create_publisher(Imu, 'imu_3/data', QoSProfile(depth=3000))
+    graph.matched('imu_3/data')
+    messages = ImuMessages('imu_3')
+    data = [messages.make(10**18 + 10**7 * k, np.array([0.0, 0.0, 0.0, 1.0])) for k in range(2101)]
+    for k in range(100):
+        publisher.publish(data[k])
+        graph.until(lambda k=k: recorder.n_messages > k, 'it is recorded')
+    for message in data[100:]:
+        publisher.publish(message)
+    graph.until(lambda: recorder.lack, 'a gap')
+    graph.until(lambda: recorder.n_messages > 1000, 'what was left')
+    said = 'missing by the stamps: imu_3/data'
+    graph.until(lambda: (d := diagnosis.latest('recorder: bag')) and said in d[1], 'a warning')
+    n = recorder.n_messages
+    graph.remove(recorder)
+    [line] = [line.msg for line in logs if 'missing by the stamps' in line.msg]
+    assert int(line.rpartition(' ')[2]) == 2101 - (n - 1)  # the configuration is one of its messages
 
 
 # A whole bag
