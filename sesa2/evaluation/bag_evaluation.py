@@ -96,7 +96,7 @@ def evaluate_bag(
             about_frames = (*about_frames, read.axes)
         if about_frames and register not in TURNING and 'rigid' in evaluation.alternatives:
             about_frames = (*about_frames[:-1], f'{about_frames[-1]} (--register rigid fits a rotation)')
-        imus = _about_imus(recording, c, evaluation.similarity, evaluation.mirrored)
+        imus = _about_imus(recording, c, evaluation.similarity, evaluation.odd)
         told = evaluation.warnings
         # Where the samples tell the cause, what else it looks like is not told.
         if imus.explain_astray:

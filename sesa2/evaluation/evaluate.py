@@ -77,6 +77,12 @@ class Evaluation:
     mirrored: bool = False
     pose: DrawnPose | None = None
 
+    @property
+    def odd(self) -> bool:
+        """Whether estimate and truth hardly agree, or only mirrored."""
+        correlation = self.time_offset.correlation
+        return self.mirrored or (correlation is not None and correlation < DOUBTFUL_CORRELATION)
+
     def to_json(self) -> dict[str, Any]:
         """The figures as `sesa2 evaluate --json` prints them; a figure of no samples is None."""
         figures = ('median_mm', 'q3_mm', 'rmse_mm', 'median_pct', 'q3_pct', 'n')

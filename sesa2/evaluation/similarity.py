@@ -15,6 +15,7 @@ DRIFT = 0.025  # s
 DRIFT_TELLS = 5.0
 _WELL_TOLD = 1e-3  # s/s
 _BENDS = 2.0  # expected of `bends`
+_WINDOWS, _FEWEST_WINDOWS = 8, 5
 _ROUNDS = 4
 _MIN_SAMPLES = 30
 _MIN_TOLD = 1e-3  # of the best told direction
@@ -35,7 +36,7 @@ class Similarity(NamedTuple):
     scale
         of the estimate, 1 where lengths agree.
     scale_std
-        its standard deviation.
+        its standard deviation; infinite where there are too few samples to tell.
     bends
         what is added to the scale where the arm bends, per d.
     clock_rate
@@ -80,7 +81,9 @@ class Similarity(NamedTuple):
 
     def told(self) -> str:
         """Scale and clock rate, for people."""
-        scale, least = f'scale {self.scale:.4f} ± {self.scale_std:.4f}', self.clock_told_from
+        scale, least = f'scale {self.scale:.4f}', self.clock_told_from
+        if np.isfinite(self.scale_std):
+            scale += f' ± {self.scale_std:.4f}'
         if np.isinf(least):
             return f'{scale} would fit best; the trial is too short to tell the clock rate'
         rate = f'clock rate {1e6 * self.clock_rate:+.0f} ± {1e6 * self.clock_rate_std:.0f} ppm'
@@ -122,7 +125,9 @@ def fit_similarity(
     q, t, factors = start.rotation, start.translation, np.array([1.0, 0.0])  # scale, bends
     shift, rate, rate_std = 0.0, 0.0, np.inf
     velocity = velocities(times, y)
-    window = ((times - began) // WINDOW).astype(int)
+    # Of a short trial, shorter ones.
+    width = max(min(WINDOW, (ended - began) / _WINDOWS), 1e-9)
+    window = ((times - began) // width).astype(int)
     for _ in range(_ROUNDS):
         x = estimate.at(times - time_offset - shift - rate * (times - middle))
         known = ~np.isnan(x[..., 0] + y[..., 0])
@@ -173,5 +178,7 @@ def _std_by_windows(rows: FloatArray, A: FloatArray, left: FloatArray, window: n
     np.add.at(sums, window, np.einsum('nij,ni->nj', A, left))
     n = len(sums)
     spread = inverse @ (sums.T @ sums) @ inverse * n / max(n - A.shape[-1] / 2.0, 1.0)
-    deviations: FloatArray = np.sqrt(np.diag(spread))
+    if n < _FEWEST_WINDOWS:
+        return np.full(A.shape[-1], np.inf)
+    deviations: FloatArray = np.sqrt(np.maximum(np.diag(spread), 0.0))
     return deviations
