@@ -38,8 +38,8 @@ MIRROR_LEAVES = 0.5
 MIRROR_EXPLAINS = 0.03
 
 RESOLUTION = 1e-6  # s
-# Of the estimate, to refine the offset with: 1 mm of noise at 0.2 m/s leaves 35 µs with so many, and more take longer.
-MAX_REFINED = 20_000
+# Of the estimate, to refine the offset with: 1 mm of noise at 0.2 m/s leaves 50 µs with so many, and more take longer.
+MAX_REFINED = 10_000
 
 
 class MirroredTruthError(EvaluationError):
