@@ -38,10 +38,10 @@ KNOWN = {
     'none': ('open loop', None, 'none'),
     'paper': ('closed loop, as in the paper', 'eq3', 'model'),
     'aligned': ('+ straight pose aligned', 'aligned', 'model'),
-    'unbent': ('+ straight pose aligned, `path: unbent`', 'aligned', 'model'),
+    'unbent': ('+ straight pose aligned, `route: unbent`', 'aligned', 'model'),
     'wrong way': ('+ straight pose aligned, bent before it lengthens', 'aligned', 'model'),
     'ten': ('+ ten known points', 'ten', 'model'),
-    'ten unbent': ('+ ten known points, `path: unbent`', 'ten', 'model'),
+    'ten unbent': ('+ ten known points, `route: unbent`', 'ten', 'model'),
     'length': ('+ length measured', 'length', 'model'),
     'truth': ('true tip fed back', 'eq3', 'truth'),
 }
@@ -113,7 +113,7 @@ def swept(job):
     plant, seed, known, law, repeats = job
     _, how, feedback = KNOWN[known]
     path = 'unbent' if known.endswith('unbent') else 'direct'
-    c = prepared(arm_of(plant, seed, law, path=path), how, seed)
+    c = prepared(arm_of(plant, seed, law, route=path), how, seed)
     tips, rebuilt, held = [], [], []
     for points in SWEEPS.values():
         arm = LoopedArm(c, feedback)
@@ -277,7 +277,7 @@ def sections(every, options):
 INTRODUCTION = """
 Written by `make loop`: simulated arms of one segment (`plant`), swept through five points each in x, y and z. Heavy
 slip is sized so that open loop errs as in the paper; mild is less slip, and BNO055s as they are. Errors are those of
-the true tip after 4 s at a target (8 s with `path: unbent`), cm, and in brackets the share of open loop. The plant is
+the true tip after 4 s at a target (8 s with `route: unbent`), cm, and in brackets the share of open loop. The plant is
 ours: its slip law is a guess, and another arm may slip otherwise.
 
 The paper (Hughes, Stella, Della Santina, Rus 2020): on an arm of about 20 cm the closed loop halves the error of the
@@ -287,8 +287,8 @@ tip on average; the reconstruction errs by 2.7 ± 1.2 cm.
 WHICH_LAW = """
 What the racks slip in common no orientation tells, so it stays as an error of length. They slip where the arm is bent:
 the way there counts far more than the law. Led directly, `paper` slips less in common than `rates`, as it closes the
-length before the slipping bend; which of them ends nearer differs from arm to arm. `rates` with `path: direct` suits
-targets that move; `path: unbent` goes by way of the straight arm and takes longer.
+length before the slipping bend; which of them ends nearer differs from arm to arm. `rates` with `route: direct` suits
+targets that move; `route: unbent` goes by way of the straight arm and takes longer.
 """
 
 

@@ -17,7 +17,7 @@ class ControllerOptions:
     law: str = parameter(
         'rates', 'how the error becomes a motion: rates (resolved rates) or paper', choices=LAWS
     )
-    path: str = parameter(
+    route: str = parameter(
         'direct',
         'how the tip is led to a target: direct, or unbent (straighten, change the length, bend: racks slip less)',
         choices=PATHS,

@@ -102,7 +102,7 @@ class TipController:
         self.watch = FeedbackWatch(options.feedback_timeout, options.tip_speed, places)
         self._law = create_law(options, self.reach)
         self._reference = TipReference(options.tip_speed)
-        self._path = TipPath(options.path == 'unbent', self.reach, options.tip_speed)
+        self._path = TipPath(options.route == 'unbent', self.reach, options.tip_speed)
         self.state, self.reason = ControlState.STOPPED, ''
         self.target: FloatArray | None = None
         self.reached: Reached | None = None

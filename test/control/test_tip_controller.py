@@ -170,7 +170,7 @@ def test_unbent_it_lengthens_while_it_is_straight():
     # Racks slip where the arm is bent, and what they slip in common nobody sees: it is the error of length.
     slips = {}
     for path in ('direct', 'unbent'):
-        arm = running(seed=7, path=path)
+        arm = running(seed=7, route=path)
         for target in ([0.09, 0.03, 0.12], [0.08, 0.05, 0.18]):
             arm.go(target, 9.0)
             assert arm.controller.state is ControlState.RUNNING, arm.controller.reason
