@@ -174,7 +174,12 @@ def test_losing_a_board_costs_the_other_nothing(graph, bridge_on, two, tmp_path)
             lambda: (d := diagnosis.latest('serial_bridge: link 1')) and d[0] == ERROR, 'an error of its link'
         )
         graph.until(
-            lambda: diagnosis.latest('serial_bridge: imu_9')[0] == ERROR, 'an error of an IMU on that board'
+            lambda: (
+                (d := diagnosis.latest('serial_bridge: imu_9'))
+                and d[0] == ERROR
+                and diagnosis.latest('serial_bridge: link 0')
+            ),
+            'an error of an IMU on that board',
         )
         assert diagnosis.latest('serial_bridge: link 0')[0] != ERROR
         graph.until(
