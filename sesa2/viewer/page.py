@@ -64,7 +64,7 @@ class Page:
             with self._gui.add_folder('Tip'):
                 self._tip_of = self._gui.add_dropdown('model', ('–',))
                 self._plot = TipPlot(self._gui)
-            with self._gui.add_folder('IMUs'):
+            with self._gui.add_folder('Sensors'):
                 self._rates = self._gui.add_html('')
         with tabs.add_tab('Calibration'):
             self._add_calibration()

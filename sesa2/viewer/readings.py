@@ -5,10 +5,12 @@ from html import escape
 
 import numpy as np
 
+from sesa2.messages.topic_names import magnetometer_name
 from sesa2.sensing.imu.accelerometer_calibration import SIDES
 from sesa2.sensing.imu.bno055.scores import Scores
 from sesa2.shape.rotations import FloatArray
 from sesa2.viewer.live import Live
+from sesa2.viewer.magnet_poses import DOUBTFUL, UNUSED, WELL, WRONG, magnetometer_colour
 
 _GREEN, _AMBER, _RED, _GREY = '#2b8a3e', '#e67700', '#c92a2a', '#868e96'
 _LEVELS = {1: _AMBER, 2: _RED}
@@ -30,8 +32,7 @@ def state_html(live: Live, steerable: bool) -> str:
     if recorder:
         state += ', recording'
     facts = []
-    if sweeps := estimator.get('sweeps'):
-        facts.append(sweeps.message)
+    facts += [estimator[part].message for part in ('sweeps', 'fields') if part in estimator]
     if estimator and live.latency_s is not None and abs(live.latency_s) < 10.0:
         facts.append(f'{1e3 * live.latency_s:.1f} ms late')
     if links := [part for name, part in bridge.items() if name.split()[0] == 'link']:
@@ -106,7 +107,7 @@ def _distances(live: Live, target: FloatArray) -> list[str]:
 
 
 def rates_html(live: Live) -> str:
-    """Rate of each IMU, and what is the matter with it."""
+    """Rate of each IMU and each magnetometer, and what is the matter with it."""
     c = live.configuration
     if c is None:
         return _block('nothing heard yet')
@@ -121,8 +122,28 @@ def rates_html(live: Live) -> str:
         rows.append(
             f'<tr><td>{i}</td><td>{s:g} m</td><td>{escape(rate)}</td><td style="color:{colour}">{state}</td></tr>'
         )
-    head = ''.join(f'<th>{h}</th>' for h in ('IMU', 'at', 'Hz', ''))
-    return _block(f'<table style="{_TABLE}"><tr>{head}</tr>{"".join(rows)}</table>')
+    tables = [_rates_table(('IMU', 'at'), rows)] if rows else []
+    if ids := c.magnetometers.ids:
+        m = c.magnetometers
+        rows = []
+        for i, segment, s in zip(ids, m.segments, m.positions, strict=True):
+            said = estimator.get(magnetometer_name(i))
+            rgb = magnetometer_colour(said, i in m.masked)
+            rate = said.values.get('rate_hz', '') if said else ''
+            rows.append(
+                f'<tr><td>{i}</td><td>{segment}</td><td>{s:g} m</td><td>{escape(rate)}</td>'
+                f'<td style="color:rgb{rgb}">{_MAGNETOMETERS[rgb]}</td></tr>'
+            )
+        tables.append(_rates_table(('magnetometer', 'segment', 'at'), rows))
+    return _block(''.join(tables))
+
+
+_MAGNETOMETERS = {WELL: 'measures', DOUBTFUL: 'doubtful', WRONG: 'wrong', UNUSED: 'not used'}
+
+
+def _rates_table(columns: Sequence[str], rows: Sequence[str]) -> str:
+    head = ''.join(f'<th>{h}</th>' for h in (*columns, 'Hz', ''))
+    return f'<table style="{_TABLE}"><tr>{head}</tr>{"".join(rows)}</table>'
 
 
 def calibration_html(live: Live) -> str:

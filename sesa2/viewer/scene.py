@@ -1,4 +1,4 @@
-"""The arm in 3D: a tube for each model, markers, IMUs, the base, and the truth as a ghost."""
+"""The arm in 3D: a tube for each model, markers, IMUs, magnets, the base, and the truth as a ghost."""
 
 from typing import Any
 
@@ -11,6 +11,7 @@ from sesa2.messages.colours import Colour, model_colours
 from sesa2.sensing.imu.mounting import Mounting
 from sesa2.shape.rotations import FloatArray, conjugate, multiply, rotate
 from sesa2.viewer.live import Live
+from sesa2.viewer.magnet_drawing import MagnetDrawing
 from sesa2.viewer.tube import SIDES, tube_faces, tube_vertices
 
 _MARKER: Colour = (25, 175, 60)
@@ -57,12 +58,13 @@ class Scene:
         self._labels: list[viser.LabelHandle] = []
         self._colours = model_colours(c.models)
         self._link_ends = {name: c.create_model(name).link_ends for name in c.models}
-        self._mounting = Mounting(np.array([[0.0, 0.0, 0.0, 1.0]] * len(c.imus.ids)), c.headings)
+        self._mounting = Mounting(np.tile([0.0, 0.0, 0.0, 1.0], (len(c.imus.ids), 1)), c.headings)
         self._base_mounting = Mounting(c.base_mounting[None], np.zeros(1))
         with self._server.atomic():
             if before is not None:
                 self._scene.remove_by_name('/arm')
             self._add_surroundings(c)
+            self._magnets = MagnetDrawing(self._scene, c, self._link_ends)
             for name in c.models:
                 self._add_tube(name, len(self._link_ends[name]), c.arm.radius)
         if before is None or before.arm != c.arm:
@@ -81,8 +83,9 @@ class Scene:
                 if name in self._tubes and len(backbone) > 1:
                     self._draw_tube(name, backbone, c.arm.radius)
             self._draw_markers(c, live)
-            if self._with_imus:
+            if self._with_imus and c.imus.ids:
                 self._draw_imus(c, live, base)
+            self._magnets.draw(live)
             self._draw_truth(c, live)
         self._server.flush()
 
@@ -101,14 +104,16 @@ class Scene:
         """Part of the arm's radius, opacity, and whether as a cage: models lie in one another, and all are to be seen.
 
         The innermost is solid, the one about it translucent; browsers do not sort two translucent ones, so those
-        further out are cages.
+        further out are cages. About magnets all are.
         """
         nested = [name for name, shown in self.shown.items() if shown]
-        last = len(nested) - 1
-        if last < 1 or model not in nested:
+        if model not in nested:
             return 1.0, None, False
-        depth = nested.index(model)
-        return 1.0 - 0.6 * depth / last, 0.4 if depth == last - 1 else None, depth < last - 1
+        depth, last = nested.index(model), len(nested) - 1
+        part = 1.0 - 0.6 * depth / max(last, 1)
+        if self._magnets.drawn:
+            return part, None, True
+        return part, 0.4 if depth == last - 1 else None, depth < last - 1
 
     def _add_surroundings(self, c: Configuration) -> None:
         r, n = c.arm.radius, len(c.imus.ids)
@@ -199,7 +204,7 @@ class Scene:
         shown = [live.markers[name] for name in c.models if self.shown[name] and name in live.markers]
         markers = np.concatenate([np.empty((0, 7)), *shown])
         self._markers = self._draw_balls(
-            self._markers, '/arm/markers', markers[:, :3], _about(c, 0.45), _MARKER, None
+            self._markers, '/arm/markers', markers[:, :3], self._about(c, 0.45), _MARKER, None
         )
         named = shown[0] if shown else markers
         if len(named) != len(c.markers.names):
@@ -240,6 +245,11 @@ class Scene:
             lod='off',
         )
 
+    def _about(self, c: Configuration, more: float) -> float:
+        """Radius of a ball about the arm, by more of the arm's; it hides neither a thick arm nor what is in one."""
+        r = c.arm.radius
+        return 0.7 * more * r if self._magnets.drawn else r + min(more * r, 0.1 * more * c.arm.length)
+
     def _draw_imus(self, c: Configuration, live: Live, base: FloatArray) -> None:
         """Each sensor's own axes where it sits; grey and as its link where it is missing."""
         backbone = next((live.backbones[name] for name in c.models if name in live.backbones), None)
@@ -263,7 +273,7 @@ class Scene:
     def _draw_truth(self, c: Configuration, live: Live) -> None:
         positions = np.empty((0, 3)) if live.truth_markers is None else live.truth_markers[:, :3]
         self._truth_markers = self._draw_balls(
-            self._truth_markers, '/arm/truth_markers', positions, _about(c, 0.7), _GHOST, 0.35
+            self._truth_markers, '/arm/truth_markers', positions, self._about(c, 0.7), _GHOST, 0.35
         )
         backbone = live.truth_backbone
         if backbone is None or len(backbone) < 2:
@@ -286,11 +296,6 @@ class Scene:
 
 
 _MISSING = np.full(4, np.nan)
-
-
-def _about(c: Configuration, more: float) -> float:
-    """Radius of a ball about the arm, by more of the arm's; those about a thick arm would hide it all."""
-    return c.arm.radius + min(more * c.arm.radius, 0.1 * more * c.arm.length)
 
 
 def _wxyz(q: FloatArray) -> FloatArray:

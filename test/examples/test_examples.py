@@ -11,7 +11,7 @@ import pytest
 from geometry_msgs.msg import PoseStamped
 from made_bags import stamps_of, write_bag
 from processes import REPOSITORY, Program, command
-from sensor_msgs.msg import JointState
+from sensor_msgs.msg import JointState, MagneticField
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 import sesa2
@@ -21,13 +21,17 @@ from sesa2.shape.model import MODELS
 EXAMPLES = REPOSITORY / 'examples'
 
 
+def imported(name):
+    spec = importlib.util.spec_from_file_location(name, EXAMPLES / f'{name}.py')
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
 @pytest.fixture
 def own_model():
     before = dict(MODELS)
-    spec = importlib.util.spec_from_file_location('own_model', EXAMPLES / 'own_model.py')
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    yield module
+    yield imported('own_model')
     MODELS.clear()
     MODELS.update(before)
 
@@ -117,6 +121,58 @@ def test_lengths_of_motors_that_nobody_has_are_heard_too(graph, tmp_path):
     lengths = np.array([m.position for m in heard])
     assert (np.abs(lengths - 0.12) < 0.08).all()
     assert 0.0 < np.abs(np.diff(lengths, axis=0)).max() < 1e-3
+
+
+def test_fields_of_made_up_chips_become_a_shape(graph, tmp_path):
+    with (
+        Program([EXAMPLES / 'magnetometer_driver.py', 1, 2, 3], tmp_path) as driver,
+        command(tmp_path, 'run', '--config', 'magnetic_1', '--source', 'external') as system,
+    ):
+        tips = graph.listen(PoseStamped, 'magnetic/tip', STREAM)
+        fields = graph.listen(MagneticField, 'magnetometer_2/field', ANY_BURSTS)
+        graph.until(lambda: len(tips) > 20, 'twenty results')
+        graph.until(lambda: any(math.isnan(m.magnetic_field.x) for m in fields), 'an axis that overflows')
+        for program in (driver, system):
+            program.signal(signal.SIGINT)
+            assert program.ended() == 0
+            assert 'Traceback' not in program.errors
+    assert fields[0].header.frame_id == 'magnetometer_2'
+    assert fields[0].header.stamp.sec > 1_700_000_000
+    z = np.array([m.magnetic_field.z for m in fields])
+    assert (np.abs(z + 6.2e-4) < 2.1e-5).all()
+    np.testing.assert_allclose(z / 150e-9, np.round(z / 150e-9), atol=1e-6)
+    for tip in tips:
+        assert tip.pose.position.z > 0.08
+        assert abs(tip.pose.position.x) < 0.05
+
+
+def test_a_chip_that_does_not_answer_is_silent_and_one_that_overflows_is_nan_there(graph):
+    example = imported('magnetometer_driver')
+    # Little-endian with a sign; 150 nT a count.
+    np.testing.assert_allclose(
+        example.field_of(b'\x01\x00\xfe\xff\x00\x10'), [150e-9, -300e-9, 4096 * 150e-9]
+    )
+    answers = {0: b'\x00\x80\x02\x7d\x00\x7d', 1: OSError(121, 'Remote I/O error')}
+
+    def read(place):
+        if isinstance(answers[place], OSError):
+            raise answers[place]
+        return answers[place]
+
+    lines = graph.listen_to_logs()
+    graph.add(example.MagnetometerDriver([4, 7], read))
+    of_4 = graph.listen(MagneticField, 'magnetometer_4/field', ANY_BURSTS)
+    of_7 = graph.listen(MagneticField, 'magnetometer_7/field', ANY_BURSTS)
+    graph.until(lambda: len(of_4) > 5, 'fields')
+    field = of_4[-1].magnetic_field
+    assert math.isnan(field.x)  # has overflowed
+    assert math.isnan(field.y)  # beyond what is linear
+    assert field.z == pytest.approx(32000 * 150e-9)
+    assert not of_7
+    assert any('the last of magnetometer 7' in line.msg for line in lines)
+    answers[1] = b'\x00\x00\x00\x00\x0a\x00'
+    graph.until(lambda: of_7, 'the chip that answers again')
+    assert of_7[0].magnetic_field.z == pytest.approx(1.5e-6)
 
 
 def test_motors_go_where_they_are_commanded_and_say_where_they_are(graph, tmp_path):

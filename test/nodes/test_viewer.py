@@ -168,6 +168,16 @@ def green(r, g, b):
     return (g - r > 60) & (g - b > 30) & (r < 160)
 
 
+def red(r, g, b):
+    """The north half of a magnet."""
+    return (r > 110) & (r - g > 70) & (r - b > 60)
+
+
+def blue(r, g, b):
+    """Its south half."""
+    return (b > 90) & (b - r > 60) & (b - g > 50)
+
+
 def test_the_arm_is_drawn_and_moves_and_nothing_leaves_the_machine(system, shown):
     straight = shown.until(lambda: (w := shown.where(orange))[2] > 300 and w, 'the straight arm')
     system.bend = np.array([0.0, 0.7, 0.0])
@@ -314,6 +324,29 @@ def test_a_configuration_is_saved_and_loaded(system, shown, tmp_path):
     shown.page.get_by_text('prototype3_4 is in the form').wait_for()
     shown.go_to('Arm')
     shown.until(lambda: shown.field('length [m]').input_value() == '0.66', 'the loaded length')
+
+
+def test_an_arm_with_magnets_shows_what_is_in_it(system, shown):
+    shown.go_to('File')
+    shown.field('file').fill('magnetic_1')
+    shown.press('Load')
+    shown.page.get_by_text('magnetic_1 is in the form').wait_for()
+    shown.go_to('Run')
+    shown.choose('source', 'sim')
+    shown.press('Start')
+    shown.page.get_by_text('started').wait_for()
+    shown.go_to('View')
+    shown.page.get_by_text('magnetometer', exact=True).wait_for()
+    shown.page.get_by_text('measures', exact=True).nth(2).wait_for()
+
+    def seen(is_colour):
+        halfway = shown.picture()[260:500].astype(
+            int
+        )  # above the axes of the base, which are red and blue, too
+        return np.count_nonzero(is_colour(*np.moveaxis(halfway, -1, 0))) > 20
+
+    for pole in (red, blue):
+        shown.until(lambda pole=pole: seen(pole), 'a pole of the magnet')
 
 
 def test_a_truth_is_a_ghost_as_long_as_it_is_told(system, shown):

@@ -2,7 +2,7 @@
 
 import time
 
-from sesa2.configuration import validate
+from sesa2.configuration import files, validate
 from sesa2.sensing.imu.bno055.scores import Scores
 from sesa2.viewer.live import Diagnostic, Live
 from sesa2.viewer.readings import calibration_html, complaints_html, rates_html, state_html
@@ -93,6 +93,21 @@ def test_a_missing_imu_is_told_from_one_that_is_off():
     assert '99.8' in text
     assert text.count('measures') == 1
     assert text.count('missing') == 1
+
+
+def test_magnetometers_have_a_table_and_their_sweeps_a_rate():
+    said = {'rate_hz': '39.9'}
+    here = live(
+        estimator__fields=(0, '40.0 Hz', {}),
+        estimator__magnetometer_1=(0, '39.9 Hz', said),
+        estimator__magnetometer_2=(1, '', said | {'sweeps repeating': '9'}),
+    )
+    here.configuration = files.load(files.find('magnetic_1'))
+    text = rates_html(here)
+    assert 'IMU' not in text  # it has none
+    assert [text.count(word) for word in ('measures', 'wrong', 'not used')] == [1, 1, 1]
+    assert text.count('<td>1</td><td>0.11 m</td>') == 3
+    assert '40.0 Hz' in state_html(here, True)
 
 
 def test_bars_and_the_next_step():

@@ -1,13 +1,18 @@
 """What the scene is told to draw, against rotation matrices of scipy's. Drawing itself is the browser's."""
 
+import time
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from magnetic_bag import configuration
 from scipy.spatial.transform import Rotation
 
 pytest.importorskip('viser', reason='viser is not installed: pip install sesa2[viewer]')
 
 from sesa2.configuration import validate
-from sesa2.viewer.live import Live
+from sesa2.viewer.live import Diagnostic, Live
+from sesa2.viewer.magnet_poses import DOUBTFUL, UNUSED, WELL, WRONG
 from sesa2.viewer.scene import Scene
 from sesa2.viewer.server import open_server
 
@@ -101,3 +106,55 @@ def test_clamp_and_arm_stand_in_the_world(server, frame, base_imu):
     # What is in the base's frame is turned into the world's by the node that it hangs on.
     turn = BASE.as_matrix() if frame == 'base' else np.eye(3)
     np.testing.assert_allclose(matrices(scene._arm.wxyz), turn, atol=1e-9)
+
+
+def test_magnets_move_with_the_arm_and_magnetometers_show_their_faults(server):
+    c = configuration()
+    rings = replace(c.magnets, inner_diameters=(0.006, 0.0, 0.006))  # the second is a disc
+    c = replace(c, magnets=rings, magnetometers=replace(c.magnetometers, axes=('z',) * 4 + ('xyz',) * 8))
+    model = c.create_model('magnetic')
+    scene = Scene(server)
+    scene.configure(c)
+    straight = np.zeros((model.n_links + 1, 7))
+    straight[:, 2], straight[:, 6] = model.link_ends, 1.0
+    values = {'rate_hz': '40.0'}
+    parts = {
+        i: Diagnostic(0, '', values, time.monotonic()) for i in range(1, 12)
+    }  # of the last nothing is heard
+    parts[2] = Diagnostic(1, '', values | {'sweeps jumping': '4'}, time.monotonic())
+    parts[7] = Diagnostic(1, '', values | {'sweeps saturated': '4'}, time.monotonic())
+    live = Live(
+        backbones={'magnetic': straight},
+        diagnostics={f'estimator: magnetometer_{i}': d for i, d in parts.items()},
+    )
+    scene.draw(live)
+    magnets, magnetometers = scene._magnets._magnets, scene._magnets._magnetometers
+    assert [places.tolist() for places, _ in magnets] == [
+        [0, 2],
+        [0, 2],
+        [1],
+        [1],
+    ]  # both halves of each kind
+    for places, node in magnets:
+        assert node.visible
+        np.testing.assert_allclose(node.batched_positions[:, 2], 0.055 + 0.11 * places, atol=1e-6)
+        np.testing.assert_allclose(matrices(node.batched_wxyzs), np.tile(np.eye(3), (len(places), 1, 1)))
+    # North is towards the tip.
+    assert magnets[0][1].vertices[:, 2].min() >= 0.0
+    assert magnets[1][1].vertices[:, 2].max() <= 0.0
+    assert [places.tolist() for places, _ in magnetometers] == [[0, 1, 2, 3], list(range(4, 12))]
+    colours = np.concatenate([node.batched_colors for _, node in magnetometers])
+    expected = [WELL] * 12
+    expected[1], expected[6], expected[11] = DOUBTFUL, WRONG, UNUSED
+    np.testing.assert_array_equal(colours, expected)
+    for _, node in magnetometers:  # z looks towards the base
+        np.testing.assert_allclose(matrices(node.batched_wxyzs)[:, 2, 2], -1.0, atol=1e-6)
+    # What is in the arm is to be seen: its tube is a cage.
+    assert len(scene._tubes['magnetic'].faces) == 4 * 2 * model.n_links
+
+
+def test_an_arm_without_magnets_has_none(server):
+    scene = Scene(server)
+    scene.configure(configured('base', False))
+    assert not scene._magnets.drawn
+    scene.draw(known('base', False)[0])
