@@ -52,3 +52,14 @@ def cases():
     if not folder.is_dir():
         pytest.skip(f'no cases in {folder}; SESA2_CASES names their folder')
     return folder
+
+
+# Tests in which processes, boards and browsers go by the clock of the machine, whatever else it has to do.
+_BY_THE_CLOCK = ('nodes', 'ros', 'system', 'viewer', 'firmware', 'examples')
+
+
+def pytest_collection_modifyitems(items):
+    """One that goes by the clock and fails is tried once more, and shown: a machine may stand still for seconds."""
+    for item in items:
+        if item.path.relative_to(Path(__file__).parent).parts[0] in _BY_THE_CLOCK:
+            item.add_marker(pytest.mark.flaky(reruns=1, only_rerun='.'))
