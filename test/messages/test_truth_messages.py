@@ -2,13 +2,14 @@
 
 import numpy as np
 import pytest
-from geometry_msgs.msg import PoseArray, PoseStamped
-from nav_msgs.msg import Path
-from rclpy.serialization import deserialize_message
-from sensor_msgs.msg import JointState
 
 from sesa2.configuration import files
 from sesa2.messages.truth_messages import TRUTH_TYPES, TruthMessages
+
+serialization = pytest.importorskip('rclpy.serialization', reason='ROS is not installed')
+from geometry_msgs.msg import PoseArray, PoseStamped  # noqa: E402
+from nav_msgs.msg import Path  # noqa: E402
+from sensor_msgs.msg import JointState  # noqa: E402
 
 COORDINATES = ['segment_1_bend_x', 'segment_1_bend_y', 'segment_1_length']
 STAMP = 1_700_000_000_123_456_789
@@ -35,7 +36,9 @@ def test_they_carry_their_numbers_stamp_and_frame(messages):
     assert sent.keys() == TRUTH_TYPES.keys()
     kinds = (PoseStamped, PoseArray, Path, JointState)
     read = {
-        topic: deserialize_message(messages.make_truth(topic, np.array([STAMP]), values[None])[0], kind)
+        topic: serialization.deserialize_message(
+            messages.make_truth(topic, np.array([STAMP]), values[None])[0], kind
+        )
         for (topic, values), kind in zip(sent.items(), kinds, strict=True)
     }
     for topic, message in read.items():
