@@ -127,6 +127,7 @@ def _cells(line: str, delimiter: str | None) -> list[str]:
     """A line's cells; one in quotes may hold the delimiter, which then is a decimal comma."""
     if '"' not in line or delimiter is None:
         return line.replace('"', '').split(delimiter)
+    line = line.replace('\0', '\ufffd')  # no number either, but csv stumbles at a NUL until Python 3.11
     return [cell.replace(',', '.') for cell in next(csv.reader([line], delimiter=delimiter))]
 
 

@@ -53,7 +53,7 @@ def test_topics_by_their_names_give_what_topics_by_id_give(tmp_path, made, confi
     assert {n for n in summary.messages if n in NAMES.values()} == set(NAMES.values())  # recorded so
     for model in configuration.models:
         one, other = (read_poses(tmp_path / n, f'{model}/markers') for n in ('one', 'other'))
-        np.testing.assert_array_equal(one.positions, other.positions)
+        np.testing.assert_allclose(one.positions, other.positions, rtol=0, atol=1e-12)
         np.testing.assert_array_equal(one.times_s, other.times_s)
     np.testing.assert_array_equal(
         read_sweeps(plain, configuration).orientations, read_sweeps(driver, c).orientations
@@ -147,10 +147,14 @@ def test_a_namespaced_bag_is_evaluated_as_any_other(tmp_path, made, configuratio
         replay(source, configuration, tmp_path / f'{source.name}_out')
     one, other = tmp_path / 'plain_out', tmp_path / 'left_out'
     assert read_configuration(other) == files.dump(configuration)
-    np.testing.assert_array_equal(read_backbone(one, 'pcc/shape', 3), read_backbone(other, 'pcc/shape', 3))
+    np.testing.assert_allclose(
+        read_backbone(one, 'pcc/shape', 3), read_backbone(other, 'pcc/shape', 3), rtol=0, atol=1e-12
+    )
     poses = read_poses(other, 'pcc/markers')
-    np.testing.assert_array_equal(poses.positions, read_poses(one, 'pcc/markers').positions)
-    np.testing.assert_array_equal(poses.positions, read_poses(other, '/left/pcc/markers').positions)
+    np.testing.assert_allclose(poses.positions, read_poses(one, 'pcc/markers').positions, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(
+        poses.positions, read_poses(other, '/left/pcc/markers').positions, rtol=0, atol=1e-12
+    )
     truth = tmp_path / 'truth.csv'
     heads = ','.join(f'{m}_{axis}' for m in configuration.markers.names for axis in 'xyz')
     rows = np.column_stack([poses.times_s, poses.positions.reshape(20, -1)])
