@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from sesa2.shape.options import parameter
 
 LAWS = ('rates', 'paper')
-PATHS = ('direct', 'unbent')
+ROUTES = ('direct', 'unbent')
 OUTPUTS = ('joint_trajectory', 'float64_array')
 
 
@@ -20,12 +20,14 @@ class ControllerOptions:
     route: str = parameter(
         'direct',
         'how the tip is led to a target: direct, or unbent (straighten, change the length, bend: racks slip less)',
-        choices=PATHS,
+        choices=ROUTES,
     )
     output: str = parameter(
         'joint_trajectory', 'type of `command`: a trajectory of one point, or bare numbers', choices=OUTPUTS
     )
-    names: tuple[str, ...] = parameter((), 'of the backbones that are driven; left out: all of lengths.names')
+    names: tuple[str, ...] = parameter(
+        (), 'of the backbones that are driven, three a segment; left out: no controller'
+    )
     rate: float = parameter(100.0, 'commands a second, Hz', low=1.0, high=1000.0)
     gain: float = parameter(
         2.5, "of what is left of the error, 1/s; the paper's law wants about 1.0", above=0.0, high=50.0
@@ -35,7 +37,7 @@ class ControllerOptions:
     length_rate: float = parameter(0.06, 'fastest that a backbone is driven, m/s', above=0.0)
     length_limits: tuple[float, ...] = parameter(
         (),
-        'shortest and longest of a driven backbone, m; left out: by segments.stretch and bend_max',
+        'shortest and longest of a driven backbone, m a segment; left out: as segments.stretch and bend_max allow',
         above=0.0,
     )
     dead_band: float = parameter(0.003, 'error of the tip below which it is left alone, m', low=0.0)

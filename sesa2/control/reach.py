@@ -47,7 +47,7 @@ class Reach:
     stretch : (2,)
         shortest and longest length of a segment over that at rest.
     length_limits : (2,) or empty
-        shortest and longest of a driven backbone, m.
+        shortest and longest of a driven backbone, m for each segment that it passes; empty: what the others come to.
 
     Attributes
     ----------
@@ -78,9 +78,16 @@ class Reach:
         self.scale = np.where(self.kinematics.rest > 0.0, self.kinematics.rest, 1.0)
         through = backbones.through.sum(axis=1)
         limits = np.asarray(length_limits, dtype=float)
-        self._limits = np.outer(limits, through) if len(limits) else None
+        if len(limits):
+            self._limits = np.outer(limits, through)
+        else:
+            # What the limits of the segments come to: beside the axis a bend adds its radius times the angle.
+            aside = backbones.radii * through * self._bend_max
+            self._limits = np.array(
+                [backbones.through @ self._shortest - aside, backbones.through @ self._longest + aside]
+            )
         self.straight = self.kinematics.rest.copy()
-        if self._limits is not None:
+        if len(limits):
             # Straight, and as long as the middle of what all limits allow.
             low = np.maximum(self._shortest, limits[0])
             high = np.minimum(self._longest, limits[1])
@@ -110,8 +117,6 @@ class Reach:
 
     def driveable(self, coordinates: FloatArray) -> FloatArray:
         """The coordinates, drawn back towards straight until no driven backbone breaks its limits."""
-        if self._limits is None:
-            return coordinates
         lengths, middle = self.backbone_lengths(coordinates), self.backbone_lengths(self.straight)
         away = lengths - middle
         room = np.where(away > 0.0, self._limits[1] - middle, middle - self._limits[0])

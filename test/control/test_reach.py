@@ -102,6 +102,16 @@ def test_no_backbone_goes_beyond_its_limits():
         assert lengths.max() <= 0.2 + 1e-12
 
 
+def test_without_limits_of_their_own_backbones_keep_those_of_the_segments():
+    """0.24 m at most and 1.6 rad at a radius of 30 mm: 0.288 m; what is commanded beyond is drawn back."""
+    reach = one()
+    far = reach.driveable(np.array([3.0, 0.0, 0.5]))
+    lengths = reach.backbone_lengths(far)
+    assert lengths.max() == pytest.approx(0.24 + 0.03 * 1.6, abs=1e-12)
+    inside = np.array([1.6, 0.0, 0.24])
+    np.testing.assert_array_equal(reach.driveable(inside), inside)
+
+
 def test_limits_that_leave_nothing_are_refused():
     with pytest.raises(GeometryError, match='leave no length'):
         one(length_limits=(0.3, 0.4))
